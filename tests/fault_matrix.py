@@ -6,6 +6,7 @@ is lost for 20 s at the end; the source is right for 50 s, and then lost, late, 
 """
 
 import argparse
+import itertools
 from dataclasses import dataclass
 from functools import cache
 
@@ -159,7 +160,27 @@ FAULTS = {
     "wrong units": wrong_units,
     "clock of its own": own_clock,
 }
+
+
+def mounted(deg):
+    """A compass that is mounted wrong by `deg`."""
+
+    def turned(name, rows, t):
+        rows["value"][:, 0] += np.radians(deg)
+        return rows
+
+    return turned
+
+
+def near_iron(name, rows, t):
+    """A deviation of up to 30 deg, which changes with the heading."""
+    rows["value"][:, 0] += np.radians(30.0) * np.sin(rows["value"][:, 0] + 2.0)
+    return rows
+
+
 OF_VEHICLES = FAULTS | {"late at once": late_at_once}
+OF_COMPASSES = {"mounted 10 deg wrong": mounted(10.0), "mounted 180 deg wrong": mounted(180.0), "near iron": near_iron}
+TOGETHER = ("odometer", "heading", "barometer")  # sources of `together`
 
 
 @dataclass(frozen=True)
@@ -187,9 +208,25 @@ def cell(seed, name=None, fault=None, where="drive"):
     if name is not None:
         rows = SOURCES[name](d, np.random.default_rng(100 + seed)).copy()
         t = rows["t_ns"] * 1e-9 - 100.0
-        rows = rows if fault is None else OF_VEHICLES[fault](name, rows, t)
+        rows = rows if fault is None else (OF_VEHICLES | OF_COMPASSES)[fault](name, rows, t)
     out, _ = estimated(samples, fixes, rows, settings_of(name, where))
     return judged(d, out)
+
+
+def together(seed, name, fault, where="drive"):
+    """One drive with a compass, a barometer and, on land, an odometer, of which `name` has the fault."""
+    d, samples, fixes = scene(seed, where)
+    parts = []
+    for source in TOGETHER:
+        if where in FREE and source == "odometer":
+            continue
+        rows = SOURCES[source](d, np.random.default_rng(100 + seed)).copy()
+        if source == name:
+            rows = (OF_VEHICLES | OF_COMPASSES)[fault](name, rows, rows["t_ns"] * 1e-9 - 100.0)
+        parts.append(rows)
+    rows = np.concatenate(parts)
+    rows = rows[np.argsort(rows["arrival_ns"], kind="stable")]
+    return judged(d, estimated(samples, fixes, rows, settings_of(None, where))[0])
 
 
 def judged(d, out):
@@ -257,13 +294,29 @@ def vehicles_table(seeds, vehicles=tuple(VEHICLES)):
             yield f"| {where} | {name} | " + " | ".join(texts) + " |"
 
 
+def compasses_table(seeds, vehicles=tuple(VEHICLES)):
+    """The same of wrong compasses: alone, and with an odometer and a barometer."""
+    faults = ("wrong units", *OF_COMPASSES)
+    yield "| vehicle | sources | " + " | ".join(faults) + " |"
+    yield "|---|---|" + "---|" * len(faults)
+    for where in vehicles:
+        without_it = {seed: cell(seed, where=where) for seed in seeds}
+        for sources, run in (("compass", cell), ("compass, odometer, barometer", together)):
+            texts = []
+            for fault in faults:
+                found = {seed: run(seed, "heading", fault, where=where) for seed in seeds}
+                texts.append(f"{sum(max(found[seed].sure_s - without_it[seed].sure_s, 0.0) for seed in seeds):.0f} s")
+            yield f"| {where} | {sources} | " + " | ".join(texts) + " |"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("seed", nargs="?", type=int, default=1)
     parser.add_argument("--vehicles", type=lambda text: [int(seed) for seed in text.split(",")], metavar="SEED,..")
     parser.add_argument("--only", type=lambda text: text.split(","), default=list(VEHICLES), metavar="VEHICLE,..")
     args = parser.parse_args()
-    for line in vehicles_table(args.vehicles, args.only) if args.vehicles else table(args.seed):
+    lines = [vehicles_table, compasses_table] if args.vehicles else []
+    for line in itertools.chain(*(rows(args.vehicles, args.only) for rows in lines)) if lines else table(args.seed):
         print(line, flush=True)
 
 

@@ -45,6 +45,7 @@ INS = {
     "Drift": integrity.DRIFT,
     "VelocityDrift": integrity.VELOCITY_DRIFT,
     "TimeOffsetStep": integrity.TIME_OFFSET_STEP,
+    "CompassOffset": integrity.COMPASS_OFFSET,
     "GyroBiasStep": integrity.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,

@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from fault_matrix import FAULTS, SOURCES, cell, harm
+from fault_matrix import FAULTS, OF_COMPASSES, SOURCES, cell, harm, together
 from vehicle_simulation import LAND
 
 MOST = 2.0  # times the RMS error without the source
@@ -51,9 +51,18 @@ def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
         ("motorway", "pose", "late"),
         ("robot", "heading", "late at once"),  # 30 deg in turns
         ("boat", "heading", "late at once"),
+        ("drone", "barometer", "frozen"),
     ],
 )
 def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
     found, without_it = cell(seed, name, fault, where), cell(seed, where=where)
     assert found.sure_s <= without_it.sure_s, found.worst
     assert harm(found, without_it)[0] < 2.5
+
+
+@pytest.mark.parametrize("where", [*LAND, "drone"])
+@pytest.mark.parametrize("fault", ["wrong units", *OF_COMPASSES])
+def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
+    """By the motion; it was believed for minutes, and with wheels the receiver was rejected instead."""
+    assert cell(11, "heading", fault, where).sure_s == 0.0
+    assert together(11, "heading", fault, where).sure_s == 0.0

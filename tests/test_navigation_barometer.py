@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fault_matrix import cell
 from navigation_simulation import drive, errors, received, sensed
 from test_navigation_aiding import estimated
 
@@ -88,3 +89,21 @@ def test_pressure_or_height_in_a_datagram_and_in_a_table(tmp_path):
     table = tmp_path / "baro.csv"
     table.write_text("t_s,pressure_pa\n1.0,89874.6\n")
     assert read_aiding(SOURCE, table, 0)["value"][0, 0] == pytest.approx(1000.0, abs=1.5)
+
+
+def test_a_barometer_that_repeats_its_last_reading_is_not_used():
+    """As one that has stopped; the vehicle climbs meanwhile."""
+    d, samples, fixes, rng = recorded(3)
+    rows = pressures(d, rng)
+    stopped = rows["t_ns"] > 160_000_000_000
+    rows["value"][stopped] = rows["value"][~stopped][-1]
+    out, innovations = estimated(samples, fixes, rows)
+    assert innovations["t_ns"].max() <= 160_000_000_000
+    without, _ = estimated(samples, fixes, rows[~stopped])
+    assert np.nanmax(np.abs(out["height"] - without["height"])) < 0.01
+
+
+@pytest.mark.parametrize("seed", [11, 12, 14])
+def test_readings_in_feet_on_a_drone_are_not_believed(seed):
+    found = cell(seed, "barometer", "wrong units", "drone")
+    assert found.sure_s == 0.0, found.worst

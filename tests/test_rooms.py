@@ -82,6 +82,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
             "integrity/time_offset_step",
             "integrity/gyro_bias_step",
             "integrity/velocity_drift",
+            "integrity/compass_offset",
             "alignment/force_integrals",
             "alignment/vector_pairs",
         )

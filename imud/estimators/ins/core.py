@@ -18,7 +18,15 @@ from .aiding.records import (
     WHEEL_CHECK,
 )
 from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
-from .integrity.records import DRIFT, GRAVITY_MONITOR, GYRO_BIAS_STEP, INTEGRITY, TIME_OFFSET_STEP, VELOCITY_DRIFT
+from .integrity.records import (
+    COMPASS_OFFSET,
+    DRIFT,
+    GRAVITY_MONITOR,
+    GYRO_BIAS_STEP,
+    INTEGRITY,
+    TIME_OFFSET_STEP,
+    VELOCITY_DRIFT,
+)
 from .state import (
     AIDING_RING,
     BANKS,
@@ -197,6 +205,7 @@ REWOUND = [  # what a rewind restores
     ("time_offset_step", TIME_OFFSET_STEP),
     ("gyro_bias_step", GYRO_BIAS_STEP),
     ("velocity_drift", VELOCITY_DRIFT),
+    ("compass_offset", COMPASS_OFFSET),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

@@ -22,6 +22,7 @@ from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
+from .integrity.compass_offset import add_to_compass_offset, propagate_compass_offset, update_compass_offset
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
 from .integrity.reset_inflation import propagate_inflation
@@ -52,6 +53,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_time_offset_step(c, transition)
     propagate_gyro_bias_step(c, transition)
     propagate_velocity_drift(c, transition)
+    propagate_compass_offset(c, transition)
     propagate_learning(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
@@ -61,13 +63,14 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
-    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -1: any other measurement.
+    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading; -1 anything else.
     """
     compute_gain(c, s)
     update_sensitivity(c, length, s, z, axis)
     update_time_offset_step(c, length, s)
     update_gyro_bias_step(c, length, s)
     update_velocity_drift(c, length, s, axis)
+    update_compass_offset(c, length, s, axis)
     update_learning(c, length, z, s)
     apply_gain(c, z)
 
@@ -79,19 +82,20 @@ def gated_update(c: Core, length: int, z: float, r: float, gate: float) -> tuple
     gate 0: none, REJECT: rejected. The Jacobian has `length` elements. Returns the innovation against the error
     estimate as well, its variance, and its normalised square (NIS), negative when rejected.
     """
-    return correlated_update(c, length, z, r, 0.0, gate)
+    return correlated_update(c, length, z, r, 0.0, gate, -1)
 
 
 @kernel
 def correlated_update(
-    c: Core, length: int, z: float, r: float, shared: float, gate: float
+    c: Core, length: int, z: float, r: float, shared: float, gate: float, axis: int
 ) -> tuple[float, float, float]:
     """`gated_update` of one of many measurements that share an error: the gate has r, the update r + shared.
 
-    n measurements that share an error of variance e know together what one of them does: shared = (n - 1) e.
+    n measurements that share an error of variance e know together what one of them does: shared = (n - 1) e. axis: see
+    `fuse`.
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
-    return test_and_fuse(c, length, z, s, shared, gate, -1)
+    return test_and_fuse(c, length, z, s, shared, gate, axis)
 
 
 @kernel
@@ -110,6 +114,7 @@ def fix_update(
         add_to_time_offset_step(c, length, z, s, axis)
         add_to_gyro_bias_step(p, c, length, z, s, r)
         add_to_velocity_drift(p, c, length, z, s, axis)
+        add_to_compass_offset(p, c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

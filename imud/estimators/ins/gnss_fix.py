@@ -26,6 +26,12 @@ from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import variance
 from .fusion import correct_state, write_innovation
+from .integrity.compass_offset import (
+    correct_compass_offset,
+    explained_by_compass_offset,
+    find_compass_offset,
+    is_unconfirmed,
+)
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.gyro_bias_step import detect_gyro_bias_step, explained_by_gyro_bias_step, reset_gyro_bias_step
 from .integrity.heading_monitor import monitor_heading
@@ -80,12 +86,22 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     if not first:
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
     rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
-    if c.alignment.mode == NAVIGATING and wheels_support(p, c) and not wheels_reject(p, c):
-        otherwise = max(explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c))
+    heading_ok = True
+    offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
+    if offset != 0.0 and correct_compass_offset(p, c, offset):
+        correct_state(p, c)
+        distrust_compass(c)
+        restart_in_motion_alignment(c)
+    elif offset != 0.0:
+        heading_ok = False
+    if c.alignment.mode == NAVIGATING and wheels_support(p, c) and not wheels_reject(p, c) and not is_unconfirmed(c):
+        otherwise = max(
+            explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c), explained_by_compass_offset(c)
+        )
         if detect_velocity_drift(p, c, otherwise) > 0.0:
             correct_state(p, c)
             reject_by_wheels(c)
-    uncertain = variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
+    uncertain = is_unconfirmed(c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain:
         reset_time_offset_step(c)  # a drift or a wrong heading looks like one
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
@@ -98,8 +114,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         correct_state(p, c)
         restart_in_motion_alignment(c)
     decay_reset_score(p, c)
-    heading_ok = True
-    if c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
+    if heading_ok and c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)
     if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)

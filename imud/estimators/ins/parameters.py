@@ -56,6 +56,7 @@ from .alignment import (
     whitening,
 )
 from .integrity import (
+    compass_offset,
     frozen_receiver,
     gnss_drift,
     gravity_monitor,
@@ -109,6 +110,7 @@ TUNABLES = (
     *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
     *velocity_drift.TUNABLES,
+    *compass_offset.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,
     *process_noise.TUNABLES,

@@ -93,9 +93,11 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["drift"]["onset_ns"] = NEVER_NS
     c["time_offset_step"]["onset_ns"] = c["gyro_bias_step"]["onset_ns"] = NEVER_NS
-    c["velocity_drift"]["onset_ns"] = NEVER_NS
-    c["heading_aid"]["agreeing_ns"] = NEVER_NS
-    c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = NEVER_NS
+    c["velocity_drift"]["onset_ns"] = c["compass_offset"]["onset_ns"] = NEVER_NS
+    c["heading_aid"]["agreeing_ns"] = c["heading_aid"]["last_used_ns"] = NEVER_NS
+    c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = c["barometer"][
+        "changed_ns"
+    ] = NEVER_NS
     for name in ("last_ns", "since_ns", "contradicted_ns"):
         c["magnetometer"][name] = NEVER_NS
     for name in ("pose", "external_velocity"):

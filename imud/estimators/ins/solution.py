@@ -73,6 +73,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
         bits |= ATTITUDE_VALID
     known = c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0
     contradicted = c.alignment.heading_fault_count >= p.tuning.contradicted_heading_pairs
+    contradicted |= c.compass_offset.unconfirmed != 0 and c.integrity.velocity_reject_count > 1
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
@@ -143,7 +144,8 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         c.cov.P[packed_index(STATES, a + 1, a + 2)],
         c.cov.P[packed_index(STATES, a + 2, a + 2)]
         + c.gyro_bias_step.heading_variance
-        + c.velocity_drift.heading_variance,
+        + c.velocity_drift.heading_variance
+        + c.compass_offset.heading_variance,
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

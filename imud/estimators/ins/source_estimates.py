@@ -14,7 +14,9 @@ from ..records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from .state import BARO_OFFSET, NAVIGATING, ODOMETER_SCALE, STATES
+from .state import BARO_OFFSET, NAVIGATING, NEVER_NS, ODOMETER_SCALE, STATES
+
+REPEATED_NS = 10_000_000_000  # a barometer that says the same for longer has stopped
 
 _FINDINGS = {
     HEADING_SOURCE: ("heading_aid", "distrusted", 1, "the motion contradicts it"),
@@ -40,6 +42,9 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
     for kind, (record, key, wrong, text) in _FINDINGS.items():
         if c[record][key] == wrong:
             found.setdefault(kind, {})["finding"] = text
+    barometer = c["barometer"]
+    if barometer["changed_ns"] != NEVER_NS and c["nav"]["t_ns"] - barometer["changed_ns"] > REPEATED_NS:
+        found[BAROMETER_SOURCE]["finding"] = "it repeats its last reading"
     odometer = c["odometer"]
     if odometer["frozen"]:
         found[ODOMETER_SOURCE]["finding"] = "it repeats its last reading while the speed changes"

@@ -31,12 +31,13 @@ from .aiding import (
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
-from .aiding.heading import fuse_heading, sigma_of
+from .aiding.heading import contradicts_itself, distrust_compass, fuse_heading, sigma_of
 from .aiding.magnetometer import fuse_magnetometer
 from .aiding.odometer import fuse_odometer
 from .alignment.external_heading import align_with_heading
 from .alignment.external_pose import align_with_pose
 from .alignment.magnetic_heading import align_with_field
+from .alignment.modes import HEADING_LOST, change_mode
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -73,7 +74,11 @@ for _source in SOURCES:
 def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Fuse a measurement by its source's file, in every mode; returns the rows of innovations written."""
     if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
-        return fuse_heading(p, c, m, innovations)
+        rows = fuse_heading(p, c, m, innovations)
+        if contradicts_itself(p, c, m):
+            distrust_compass(c)
+            change_mode(p, c, HEADING_LOST)
+        return rows
     if (
         m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
     ):  # coarse alignment: the heading has an arbitrary origin, which this replaces

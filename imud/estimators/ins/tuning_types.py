@@ -90,6 +90,7 @@ class Tuning:
     inertial_velocity_error: float
     inertial_heading_error: float
     max_velocity_rejects: int
+    unconfirmed_velocity_rejects: int
     max_reset_score: float
     reset_score_decay: float
     time_tag_tolerance_s: float
@@ -222,6 +223,18 @@ class Tuning:
     velocity_drift_correlation_s: float
     heading_confirmations: int
     unconfirmed_heading_sigma: float
+    compass_offset_chi2: float
+    likely_compass_offset_chi2: float
+    compass_offset_memory_s: float
+    compass_offset_correlation_s: float
+    compass_offset_prior: float
+    min_compass_offset: float
+    max_compass_offset: float
+    compass_offset_share: float
+    confirmed_offset: float
+    confirmed_residual: float
+    compass_offset_residual: float
+    confirming_fixes: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float
     excluded_step_sigmas: float
@@ -251,6 +264,8 @@ class Tuning:
     heading_correlation_s: float
     heading_time_sigma: float
     heading_gate: float
+    heading_reject_s: float
+    heading_agreement: float
     heading_trust_s: float
     heading_min_level: float
     age_interval_s: float
@@ -295,6 +310,12 @@ class Tuning:
     baro_offset_per_speed2: float
     baro_gate: float
     baro_reopen_s: float
+    baro_ratio_s: float
+    baro_ratio_change: float
+    baro_ratio_noise: float
+    baro_ratio_memory_s: float
+    baro_ratio_tolerance: float
+    baro_ratio_height: float
     baro_known_height: float
     pose_sigma: float
     pose_yaw_sigma: float

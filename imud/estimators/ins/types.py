@@ -218,6 +218,18 @@ class TimeOffsetStep:
     jump: Tensor
 
 
+class CompassOffset:
+    onset_ns: int
+    last_ns: int
+    unconfirmed: int
+    information: float
+    vector: float
+    energy: float
+    count: float
+    sensitivity: Tensor
+    heading_variance: float
+
+
 class GyroBiasStep:
     last_ns: int
     heading_variance: float
@@ -265,8 +277,16 @@ class Alignment:
 class Barometer:
     last_ns: int
     last_used_ns: int
+    rejected_ns: int
     height: float
     speed2: float
+    reading: float
+    changed_ns: int
+    ratio_ns: int
+    ratio_reading: float
+    ratio_height: float
+    reading2: float
+    reading_height: float
 
 
 class ExternalAid:
@@ -288,6 +308,7 @@ class SourceAge:
 
 class HeadingAid:
     last_ns: int
+    last_used_ns: int
     distrusted: int
     agreeing_ns: int
 
@@ -383,6 +404,7 @@ class Snapshot:
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
+    compass_offset: CompassOffset
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -408,6 +430,7 @@ class Core:
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
+    compass_offset: CompassOffset
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

@@ -3,11 +3,15 @@
 z = reading - h - offset. A measurement has value[0]: height in the standard atmosphere, m, and sigma[0]: m, NaN where
 it is not reported. The offset is an error state: a random walk in time (weather), in height (the atmosphere is warmer
 or colder than the standard one) and in squared speed (the wind of the vehicle's own motion). Readings that jump, as by
-a door or a gust, are rejected; if they stay, the offset begins anew. Used once a fix has given a height.
+a door or a gust, are rejected; if they stay, the offset begins anew. A reading that repeats the last one to the last
+digit says nothing new: it is not used, as of a sensor that has stopped. Where the height changes otherwise than the
+readings, as of one in feet, their scale is wrong, and the offset walks as much as that makes it. Used once a fix has
+given a height.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
@@ -75,6 +79,18 @@ TUNABLES = (
         "Time of rejections after which the offset of the pressure height begins anew.",
         "Choice.",
     ),
+    Tunable("baro_ratio_s", 5.0, "s", "Time over which changes of reading and height are compared.", "Choice."),
+    Tunable("baro_ratio_change", 5.0, "m", "Least change of the reading that is compared.", "Choice."),
+    Tunable("baro_ratio_noise", 1.5, "m", "Error of the change of the height in that time.", "Fixes of 4 m."),
+    Tunable("baro_ratio_memory_s", 300.0, "s", "Time over which the ratio of the changes is taken.", "Choice."),
+    Tunable(
+        "baro_ratio_tolerance",
+        0.15,
+        "",
+        "Difference of the ratio from 1, beyond three sigma, from which the scale of the readings is wrong.",
+        "Hot or cold air: 10 %.",
+    ),
+    Tunable("baro_ratio_height", 20.0, "m", "Height over which a wrong scale is an error that lasts.", "Choice."),
     Tunable(
         "baro_known_height",
         50.0,
@@ -86,6 +102,38 @@ TUNABLES = (
 
 
 @kernel
+def repeats(c: Core, m: Measurement) -> bool:
+    """Whether a reading is the last one again, to the last digit; stores it, and since when it has not changed."""
+    g = c.barometer
+    same = g.changed_ns != NEVER_NS and m.value[0] == g.reading
+    if not same:
+        g.reading, g.changed_ns = m.value[0], m.t_ns
+    return same
+
+
+@kernel
+def scale_error2(p: Parameters, c: Core, m: Measurement) -> float:
+    """Square of the scale error of the readings, by the changes of reading and height so far; 0: none is seen."""
+    g = c.barometer
+    dt = 1e-9 * (m.t_ns - g.ratio_ns)
+    if dt >= p.tuning.baro_ratio_s:
+        reading, height = m.value[0] - g.ratio_reading, c.nav.height - g.ratio_height
+        keep = max(1.0 - dt / p.tuning.baro_ratio_memory_s, 0.0)
+        steady = dt < 2.0 * p.tuning.baro_ratio_s and g.rejected_ns < g.ratio_ns  # no door, no gust
+        changed = steady and abs(reading) > p.tuning.baro_ratio_change
+        g.reading2 = keep * g.reading2 + (reading * reading if changed else 0.0)
+        g.reading_height = keep * g.reading_height + (reading * height if changed else 0.0)
+        g.ratio_ns, g.ratio_reading, g.ratio_height = m.t_ns, m.value[0], c.nav.height
+    if not g.reading2 > 0.0:
+        return 0.0
+    ratio = g.reading_height / g.reading2  # of the height to the reading, which is precise
+    noise = p.tuning.baro_ratio_noise / math.sqrt(g.reading2)
+    if abs(ratio - 1.0) < p.tuning.baro_ratio_tolerance + 3.0 * noise:
+        return 0.0
+    return (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2
+
+
+@kernel
 def walk_offset(p: Parameters, c: Core, m: Measurement) -> float:
     """Add the variance of the offset since the last reading; returns the time since then, s."""
     g = c.barometer
@@ -93,7 +141,8 @@ def walk_offset(p: Parameters, c: Core, m: Measurement) -> float:
     first = g.last_ns == NEVER_NS
     dt = p.tuning.baro_correlation_s if first else max(1e-9 * (m.t_ns - g.last_ns), 1e-3)
     if not first:
-        q = p.tuning.baro_offset_psd * dt + p.tuning.baro_offset_per_height * abs(c.nav.height - g.height)
+        per_height = p.tuning.baro_offset_per_height + p.tuning.baro_ratio_height * scale_error2(p, c, m)
+        q = p.tuning.baro_offset_psd * dt + per_height * abs(c.nav.height - g.height)
         add_variance(c, BARO_OFFSET, q + p.tuning.baro_offset_per_speed2 * abs(speed2 - g.speed2))
     g.last_ns, g.height, g.speed2 = m.t_ns, c.nav.height, speed2
     return dt
@@ -102,7 +151,7 @@ def walk_offset(p: Parameters, c: Core, m: Measurement) -> float:
 @kernel
 def fuse_barometer(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading; returns the rows of innovations."""
-    if variance(c, POSITION + 2) > p.tuning.baro_known_height**2:
+    if variance(c, POSITION + 2) > p.tuning.baro_known_height**2 or repeats(c, m):
         return 0
     dt = walk_offset(p, c, m)
     length = set_jacobian(c, set_jacobian(c, 0, POSITION + 2, -1.0), BARO_OFFSET, 1.0)
@@ -110,11 +159,13 @@ def fuse_barometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inn
     climb = -c.nav.v_n[2] * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = m.value[0] - c.nav.height - c.nav.baro_offset - climb
     others = max(2.0 * p.tuning.baro_correlation_s / dt, 1.0) - 1.0  # readings that share one error with this one
-    z, s, nis = correlated_update(c, length, z, sigma * sigma, others * sigma * sigma, p.tuning.baro_gate)
+    z, s, nis = correlated_update(c, length, z, sigma * sigma, others * sigma * sigma, p.tuning.baro_gate, -1)
     used = nis >= 0.0
     if used:
         correct_state(p, c)
         c.barometer.last_used_ns = m.t_ns
-    elif 1e-9 * (m.t_ns - c.barometer.last_used_ns) > p.tuning.baro_reopen_s:
-        decorrelate(c, BARO_OFFSET, p.tuning.baro_offset_sigma**2)
+    else:
+        c.barometer.rejected_ns = m.t_ns
+        if 1e-9 * (m.t_ns - c.barometer.last_used_ns) > p.tuning.baro_reopen_s:
+            decorrelate(c, BARO_OFFSET, p.tuning.baro_offset_sigma**2)
     return write_innovation(innovations, 0, m.t_ns, BAROMETER, z, s, used)

@@ -147,7 +147,7 @@ def fuse_external_velocity(p: Parameters, c: Core, m: Measurement, innovations: 
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
         r = sigma * sigma + timing
         length, gate = external_velocity_jacobian(p, c, m, i), NO_GATE if used else REJECT
-        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, others * r + lasting, gate)
+        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, others * r + lasting, gate, -1)
         n = write_innovation(innovations, n, m.t_ns, first + i, z, s, used)
     if used:
         correct_state(p, c)

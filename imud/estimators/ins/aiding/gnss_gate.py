@@ -15,6 +15,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
+from ..integrity.compass_offset import is_unconfirmed
 from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
@@ -79,6 +80,13 @@ TUNABLES = (
         8,
         "fixes",
         "Largest number of rejected velocities in a row with a right heading.",
+        "Choice.",
+    ),
+    Tunable(
+        "unconfirmed_velocity_rejects",
+        3,
+        "fixes",
+        "The same with a heading that a compass gave and motion has not confirmed.",
         "Choice.",
     ),
     Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
@@ -263,10 +271,10 @@ def count_velocity_rejects(c: Core, rejected: int) -> None:
 def contradicts_heading(p: Parameters, c: Core) -> bool:
     """Whether the number of rejected velocities, or of resets, means that the heading is wrong."""
     g = c.integrity
-    factor = p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0
-    return bool(
-        g.velocity_reject_count > factor * p.tuning.max_velocity_rejects or g.reset_score > p.tuning.max_reset_score
-    )
+    most = p.tuning.max_velocity_rejects * (p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0)
+    if is_unconfirmed(c):
+        most = p.tuning.unconfirmed_velocity_rejects
+    return bool(g.velocity_reject_count > most or g.reset_score > p.tuning.max_reset_score)
 
 
 @kernel

@@ -21,8 +21,9 @@ from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
+from ..integrity.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
-from ..state import ATTITUDE, NEVER_NS
+from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -43,6 +44,14 @@ TUNABLES = (
     ),
     Tunable("heading_time_sigma", 0.03, "s", "Unknown age of a heading.", "Choice: half a period of 20 Hz."),
     Tunable("heading_gate", 25.0, "NIS", "Gate of a heading.", "Five sigma."),
+    Tunable(
+        "heading_reject_s",
+        15.0,
+        "s",
+        "Time of rejections after which a heading that a compass gave and motion has not confirmed is given up.",
+        "Choice: reflections are mostly shorter.",
+    ),
+    Tunable("heading_agreement", 4.0, "NIS", "Gate of a compass that was wrong.", "Two sigma."),
     Tunable(
         "heading_trust_s",
         30.0,
@@ -81,6 +90,7 @@ def distrust_compass(c: Core) -> None:
     if c.heading_aid.last_ns != NEVER_NS:
         c.heading_aid.distrusted = 1
         c.heading_aid.agreeing_ns = NEVER_NS
+    close_compass_offset(c)
 
 
 @kernel
@@ -88,6 +98,13 @@ def has_compass(p: Parameters, c: Core) -> bool:
     """Whether headings come, used or not."""
     last_ns = c.heading_aid.last_ns
     return bool(last_ns != NEVER_NS and 1e-9 * (c.nav.t_ns - last_ns) < p.tuning.heading_trust_s)
+
+
+@kernel
+def contradicts_itself(p: Parameters, c: Core, m: Measurement) -> bool:
+    """Whether a compass gave the heading, motion has not confirmed it, and its headings have been rejected for long."""
+    rejected_s = 1e-9 * (m.t_ns - max(c.heading_aid.last_used_ns, c.compass_offset.onset_ns))
+    return bool(is_unconfirmed(c) and rejected_s > p.tuning.heading_reject_s)
 
 
 @kernel
@@ -128,11 +145,14 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
         s = innovation_variance(c, length) + r + timing
-        check_trust(p, c, m.t_ns, z * z < gate * s)
+        check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
         gate = REJECT
+    elif c.compass_offset.onset_ns == NEVER_NS:
+        open_compass_offset(c, False)
     shared = others * (r + rate * rate * c.scratch.age_variance)
-    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate)
+    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, HEADING_AXIS)
     used = nis >= 0.0
     if used:
         correct_state(p, c)
+        c.heading_aid.last_used_ns = m.t_ns
     return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)

@@ -32,7 +32,7 @@ from ...tuning import Tunable
 from ..ekf import cross_covariance, variance
 from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
-from ..state import ATTITUDE, NEVER_NS
+from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
 from .heading import yaw_jacobian
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
     s = h + r
     if used and known > least:  # with this variance the heading's is not below `least` afterwards
         others = max(shared * shared / (known - least) - s, 0.0)
-        correlated_update(c, length, z, r, others, NO_GATE)
+        correlated_update(c, length, z, r, others, NO_GATE, HEADING_AXIS)
         correct_state(p, c)
     g.heading_variance = variance(c, ATTITUDE + 2)
     return write_innovation(innovations, 0, m.t_ns, MAGNETOMETER, z, s, used)

@@ -186,7 +186,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     gate = REJECT
     if not frozen:
         gate = step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
-    z, s, nis = correlated_update(c, length, z, r, shared, gate)
+    z, s, nis = correlated_update(c, length, z, r, shared, gate, -1)
     used = nis >= 0.0
     count_use(p, c, used, dt)
     if used or n > 0:

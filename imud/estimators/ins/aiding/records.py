@@ -43,8 +43,16 @@ BAROMETER = np.dtype(  # at the last reading
     [
         ("last_ns", "<i8"),  # its epoch
         ("last_used_ns", "<i8"),  # epoch of the last reading that was used
+        ("rejected_ns", "<i8"),  # epoch of the last one that was not
         ("height", "<f8"),  # m
         ("speed2", "<f8"),  # m^2/s^2, square of the speed
+        ("reading", "<f8"),  # m, the last one
+        ("changed_ns", "<i8"),  # the epoch since when it has been that
+        ("ratio_ns", "<i8"),  # when the change that is compared began
+        ("ratio_reading", "<f8"),  # m, the reading, and the height, then
+        ("ratio_height", "<f8"),
+        ("reading2", "<f8"),  # m^2, sum of the squares of changes of the reading
+        ("reading_height", "<f8"),  # m^2, sum of these changes times those of the height
     ],
     align=True,
 )
@@ -88,6 +96,7 @@ SOURCE_AGE = np.dtype(  # by how much the measurements of a source are older tha
 HEADING_AID = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last heading
+        ("last_used_ns", "<i8"),  # and of the last that was used
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading that was fused from it
         ("agreeing_ns", "<i8"),  # since when it has agreed again
     ],

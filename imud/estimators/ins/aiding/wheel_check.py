@@ -21,6 +21,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
+from ..integrity.compass_offset import is_unconfirmed
 from ..integrity.gnss_drift import BY_WHEELS, clear_detection, declare_drift
 from ..integrity.velocity_drift import count_confirmation, reset_confirmations, reset_velocity_drift, store_drift
 from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
@@ -140,7 +141,7 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
         count_confirmation(p, c, not wrong)
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
-        if speed > 0.0:
+        if speed > 0.0 and not is_unconfirmed(c):
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)

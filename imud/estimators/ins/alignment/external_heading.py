@@ -8,6 +8,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ..ekf import decorrelate
+from ..integrity.compass_offset import open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading
@@ -28,3 +29,4 @@ def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> None
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
         change_mode(p, c, HEADING_KNOWN)
+    open_compass_offset(c, True)

@@ -27,6 +27,7 @@ from ..aiding.non_holonomic import reset_nhc
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
+from ..integrity.compass_offset import close_compass_offset
 from ..integrity.gnss_drift import reset_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.time_offset_step import reset_time_offset_step
@@ -109,6 +110,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     reset_confirmations(c)
     if actions & RESET_HEADING:
         c.alignment.heading_sigma = 0.0
+        close_compass_offset(c)
         decorrelate(c, ATTITUDE + 2, math.pi**2)
     if actions & RESET_TILT:
         reset_tilt(p, c)

@@ -93,6 +93,21 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
     align=True,
 )
 
+COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading (GLR)
+    [
+        ("onset_ns", "<i8"),  # when its headings were used first
+        ("last_ns", "<i8"),  # the last fix
+        ("unconfirmed", "<i8"),  # 1: it gave the heading, and motion has not confirmed that
+        ("information", "<f8"),  # 1/rad^2, of the offset
+        ("vector", "<f8"),  # 1/rad, information times offset
+        ("energy", "<f8"),  # sum of the normalised innovations squared
+        ("count", "<f8"),  # number of these
+        ("sensitivity", "<f8", (STATES, 1)),  # error states per rad of the offset
+        ("heading_variance", "<f8"),  # rad^2, beyond P: of an offset that is likely but not detected
+    ],
+    align=True,
+)
+
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix

@@ -1,0 +1,200 @@
+"""GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that it gave.
+
+A compass may be mounted wrong, near iron or in other units: its headings then differ by an offset d from the true ones,
+and the estimate, which began with them or follows them, by w d:
+
+    w = -1 at the heading at the onset, if the compass gave the heading, else 0,
+    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,    w <- (I - K h) w - K at a heading's.
+
+The innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
+`compass_offset_memory_s`, used or not, gives d, and its chi-square is compared with a threshold (generalized likelihood
+ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known
+to be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no
+drift or step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the
+heading.
+
+When an offset is detected, x += w d and P += sigma^2 w w'. The effect of a large one is not linear, and that of an
+offset that varies, as near iron, is another: the heading then has to be found anew.
+
+Source: Friedland, Treatment of bias in recursive filtering (1969), whose V is w; Willsky and Jones (1976).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import add_correction, add_covariance
+from ..error_model import apply_transition
+from ..state import ATTITUDE, HEADING_AXIS, NAVIGATING, NEVER_NS, STATES
+from .time_offset_step import chi2_beyond
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters, Transition
+
+TUNABLES = (
+    Tunable("compass_offset_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves an offset.", "5.5 sigma."),
+    Tunable(
+        "likely_compass_offset_chi2",
+        6.0,
+        "",
+        "Chi-square from which what such an offset does is part of the stated sigma of the heading.",
+        "2.5 sigma.",
+    ),
+    Tunable("compass_offset_memory_s", 100.0, "s", "Time over which innovations are summed.", "Choice: some turns."),
+    Tunable(
+        "compass_offset_correlation_s", 1.0, "s", "Fixes of so long share their error.", "Receivers of 1 Hz are white."
+    ),
+    Tunable("compass_offset_prior", 1.0, "rad", "Sigma of an offset before anything is known.", "Mounted anyhow."),
+    Tunable(
+        "min_compass_offset", math.radians(3.0), "rad", "Least offset that is a fault.", "Choice: mounting by eye."
+    ),
+    Tunable(
+        "max_compass_offset",
+        math.radians(15.0),
+        "rad",
+        "Largest offset whose effect is corrected; for a larger one the heading is found anew.",
+        "Linearization.",
+    ),
+    Tunable("compass_offset_share", 0.3, "", "Sigma of an offset that was detected, as a share of it.", "Choice."),
+    Tunable(
+        "confirmed_offset",
+        math.radians(5.0),
+        "rad",
+        "A heading is confirmed when a larger offset is excluded by two sigmas.",
+        "Choice.",
+    ),
+    Tunable("confirmed_residual", 3.0, "", "Largest mean NIS of the fixes that confirm a heading.", "Choice."),
+    Tunable(
+        "compass_offset_residual",
+        2.0,
+        "",
+        "Largest mean NIS that a detected offset leaves where it is constant.",
+        "Choice.",
+    ),
+    Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
+)
+
+
+@kernel
+def open_compass_offset(c: Core, given: bool) -> None:
+    """The compass gives the heading, or is used for the first time beside one that is known (not `given`)."""
+    g = c.compass_offset
+    g.onset_ns, g.unconfirmed = c.nav.t_ns, 1 if given else 0
+    g.information = g.vector = g.energy = g.count = g.heading_variance = 0.0
+    for i in range(STATES):
+        g.sensitivity[i, 0] = 0.0
+    g.sensitivity[ATTITUDE + 2, 0] = -1.0 if given else 0.0
+
+
+@kernel
+def close_compass_offset(c: Core) -> None:
+    """The heading is not from the compass any more."""
+    c.compass_offset.onset_ns, c.compass_offset.unconfirmed = NEVER_NS, 0
+    c.compass_offset.heading_variance = 0.0
+
+
+@kernel
+def is_unconfirmed(c: Core) -> bool:
+    """Whether a compass gave the heading, and motion has not confirmed it yet."""
+    return bool(c.compass_offset.unconfirmed)
+
+
+@kernel
+def propagate_compass_offset(c: Core, transition: Transition) -> None:
+    """w <- transition w."""
+    if c.compass_offset.onset_ns != NEVER_NS and c.alignment.mode == NAVIGATING:
+        apply_transition(c.compass_offset.sensitivity, 1, transition)
+
+
+@kernel
+def mean_innovation(c: Core, length: int) -> float:
+    """h w, the mean of an innovation per rad of the offset; the Jacobian has `length` elements."""
+    hw = 0.0
+    for k in range(length):
+        hw += c.scratch.values[k] * c.compass_offset.sensitivity[c.scratch.columns[k], 0]
+    return hw
+
+
+@kernel
+def add_to_compass_offset(p: Parameters, c: Core, length: int, z: float, s: float, axis: int) -> None:
+    """Add a horizontal innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
+    g = c.compass_offset
+    if g.onset_ns == NEVER_NS or axis < 0:
+        return
+    hw = mean_innovation(c, length)
+    weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_correlation_s, 1.0)
+    g.information += weight * hw * hw / s
+    g.vector += weight * hw * z / s
+    g.energy += weight * z * z / s
+    g.count += weight
+
+
+@kernel
+def update_compass_offset(c: Core, length: int, s: float, axis: int) -> None:
+    """w <- w - K (b + h w) before the scalar update that follows, of variance s; P h is in scratch.d.
+
+    b: 1 for a heading, else 0.
+    """
+    g = c.compass_offset
+    if g.onset_ns == NEVER_NS:
+        return
+    share = (mean_innovation(c, length) + (1.0 if axis == HEADING_AXIS else 0.0)) / s
+    for i in range(STATES):
+        g.sensitivity[i, 0] -= share * c.scratch.d[i]
+
+
+@kernel
+def explained_by_compass_offset(c: Core) -> float:
+    """Sum of the normalised innovations squared that an offset explains."""
+    g = c.compass_offset
+    return g.vector * g.vector / g.information if g.onset_ns != NEVER_NS and g.information > 0.0 else 0.0
+
+
+@kernel
+def find_compass_offset(p: Parameters, c: Core) -> float:
+    """After a fix, while navigating: the offset, rad, if it is detected, else 0.
+
+    Also: whether the heading is confirmed, and what a likely offset adds to the stated variance of the heading.
+    """
+    g = c.compass_offset
+    if g.onset_ns == NEVER_NS:
+        return 0.0
+    information = g.information + 1.0 / p.tuning.compass_offset_prior**2
+    d, sigma = g.vector / information, 1.0 / math.sqrt(information)
+    chi2 = chi2_beyond(information, g.vector, g.energy, g.count)
+    turned = g.sensitivity[ATTITUDE + 2, 0] * d
+    g.heading_variance = turned * turned if chi2 > p.tuning.likely_compass_offset_chi2 else 0.0
+    if chi2 > p.tuning.compass_offset_chi2 and abs(d) > p.tuning.min_compass_offset:
+        return d
+    settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count
+    if settled and abs(d) + 2.0 * sigma < p.tuning.confirmed_offset:
+        g.unconfirmed = 0
+    keep = 1.0 - min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_memory_s, 1.0)
+    g.information, g.vector, g.energy, g.count = (
+        keep * g.information,
+        keep * g.vector,
+        keep * g.energy,
+        keep * g.count,
+    )
+    g.last_ns = c.nav.t_ns
+    return 0.0
+
+
+@kernel
+def correct_compass_offset(p: Parameters, c: Core, d: float) -> bool:
+    """Gather what an offset d, rad, has done to the estimate in scratch.x, and add its variance to P.
+
+    False: it is too large for that, or not constant.
+    """
+    g, w, d2 = c.compass_offset, c.compass_offset.sensitivity, (d * p.tuning.compass_offset_share) ** 2
+    residual = g.energy - explained_by_compass_offset(c)
+    if abs(d) > p.tuning.max_compass_offset or residual > p.tuning.compass_offset_residual * g.count:
+        return False
+    for i in range(STATES):
+        add_correction(c, i, w[i, 0] * d)
+        for k in range(i, STATES):
+            add_covariance(c, i, k, d2 * w[i, 0] * w[k, 0])
+    return True

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 from navigation_simulation import drive
 from scipy.spatial.transform import Rotation
 
@@ -33,20 +34,34 @@ def core():
 
 def carried(corrections, seconds=20.0, at_s=8.0):
     """(running integrals, core) of a drive of which the strapdown is corrected on the way."""
-    p, s, c = core()
+    _, s, c = core()
     d = drive(seconds, rest=0.0, fast_start=True)
     c["nav"]["q_nb"], c["nav"]["v_n"], c["nav"]["lat"] = np.roll(d.attitude[0].as_quat(), 1), d.v[0], d.lat[0]
     c["imu"]["w"], c["imu"]["f"] = d.w[0], d.f[0]
-    for k in range(1, len(d.t)):
-        mechanization.integrate_strapdown(c, d.w[k], d.f[k], 1.0 / RATE)
-        c["imu"]["w"], c["imu"]["f"] = d.w[k], d.f[k]
-        c["imu"]["rate_b"] = d.w[k] - c["nav"]["bg"]
-        fusion.propagate_errors(p, c)
-        if k == int(at_s * RATE):
-            for state, value in corrections.items():
-                c["scratch"]["x"][state] = value
-            fusion.correct_state(p, c)
+    x = np.zeros(STATES)
+    for state, value in corrections.items():
+        x[state] = value
+    signal = np.hstack([d.w, d.f])[1:].reshape(-1)
+    follow(configure(Settings(), RATE), s, signal, np.array([at_s * RATE, 1.0 / RATE]), x)
     return c["alignment"]["integrals"].copy(), s
+
+
+@in_c
+def follow(parameters, state, signal, time, corrections):
+    """Propagate through rates and forces, six numbers each; time: of the corrections, in samples; period, s."""
+    p, c = parameters[0], state[0].core[0]
+    for k in range(len(signal) // 6):
+        w = signal[6 * k :]
+        f = signal[6 * k + 3 :]
+        mechanization.integrate_strapdown(c, w, f, time[1])
+        for i in range(3):
+            c.imu.w[i], c.imu.f[i] = w[i], f[i]
+            c.imu.rate_b[i] = w[i] - c.nav.bg[i]
+        fusion.propagate_errors(p, c)
+        if k + 1 == int(time[0]):
+            for i in range(len(corrections)):
+                c.scratch.x[i] = corrections[i]
+            fusion.correct_state(p, c)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from in_c import in_c
+from in_c import Module
 from riss_runs import RATE_HZ, SETTINGS, drive, errors, normalised
 from simulated import estimated, motion, received, rpy, sensed
 
@@ -22,10 +22,13 @@ from imud.estimators.records import (
     POSITION_VALID,
     REJECTING,
 )
-from imud.estimators.riss import ekf, forces, state
+from imud.estimators.riss import ekf as ekf_kernels
+from imud.estimators.riss import forces as forces_kernels
+from imud.estimators.riss import state
 from imud.firmware_sim.rga300 import RGA300
 from imud.setup import choices
 
+ekf, forces = Module(ekf_kernels), Module(forces_kernels)
 UPPER = np.triu_indices(state.STATES)
 ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 
@@ -177,19 +180,7 @@ def some_state(seed=0):
     s["x"][0, state.SPEED :] = 0.01 * rng.standard_normal(state.STATES - state.SPEED)
     s["x"][0, [state.SPEED, state.ACCEL, state.YAW, state.ROLL]] = 12.0, 1.5, 0.7, 0.06
     s["fix_var"] = 2.0
-    return p, s
-
-
-@in_c
-def propagate(parameters, states, inputs):
-    """inputs: as of `ekf.propagate`."""
-    ekf.propagate(parameters[0], states[0], inputs[0], inputs[1], inputs[2])
-
-
-@in_c
-def fuse_forces(parameters, states, inputs):
-    """inputs: three forces, and as of `forces.fuse_forces`."""
-    forces.fuse_forces(parameters[0], states[0], (inputs[0], inputs[1], inputs[2]), inputs[3], inputs[4])
+    return p[0], s
 
 
 def nominal(s):
@@ -219,13 +210,13 @@ def test_the_covariance_is_propagated_by_the_derivative_of_the_process():
         ends = []
         for sign in (1.0, -1.0):
             moved = shifted(s, i, sign * h)
-            propagate(p, moved, np.array([rate, 0.0, T]))
+            ekf.propagate(p, moved[0], rate, 0.0, T)
             ends.append(nominal(moved))
         F[:, i] = (ends[0] - ends[1]) / (2.0 * h)
     zero, full = s.copy(), s.copy()
     zero["P"], full["P"] = 0.0, P[UPPER]
-    propagate(p, zero, np.array([rate, 0.0, T]))
-    propagate(p, full, np.array([rate, 0.0, T]))
+    ekf.propagate(p, zero[0], rate, 0.0, T)
+    ekf.propagate(p, full[0], rate, 0.0, T)
     # terms of the second order in the step, and of the tilt in the yaw rate, are left out: 2 % of P's diagonal
     np.testing.assert_allclose(full["P"] - zero["P"], (F @ P @ F.T)[UPPER][None], rtol=0, atol=0.02 * P[0, 0])
     assert np.abs(F @ P @ F.T - P).max() > 0.2 * P[0, 0]
@@ -246,7 +237,7 @@ def predicted_force(s):
 def test_forces_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     h, T, rate = 1e-6, 0.05, 0.3
     p, s = some_state()
-    propagate(p, s, np.array([rate, 0.0, T]))
+    ekf.propagate(p, s[0], rate, 0.0, T)
     rng = np.random.default_rng(5)
     A = rng.standard_normal((state.STATES, state.STATES)) * 1e-3
     P = A @ A.T
@@ -260,7 +251,7 @@ def test_forces_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
         return predicted_force(moved)
 
     H = np.column_stack([(at(i, h) - at(i, -h)) / (2.0 * h) for i in range(state.STATES)])
-    R = p["accel_psd"][0] / T + p["tuning"]["force_sigma"][0] ** 2
+    R = p["accel_psd"] / T + p["tuning"]["force_sigma"] ** 2
     both = P[state.SPEED, state.SPEED] * (
         P[state.GYRO_BIAS, state.GYRO_BIAS] + rate**2 * P[state.GYRO_SCALE, state.GYRO_SCALE]
     )
@@ -268,7 +259,7 @@ def test_forces_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     S = H @ P @ H.T + np.diag([R, R + both])
     K = P @ H.T @ np.linalg.inv(S)
     before, f = nominal(s), predicted_force(s) + z
-    fuse_forces(p, s, np.array([*f, -9.8, rate, T]))
+    forces.fuse_forces(p, s[0], (f[0], f[1], -9.8), rate, T)
     np.testing.assert_allclose((nominal(s) - before)[3:], (K @ z)[3:], rtol=0, atol=0.01 * np.abs(K @ z).max())
     np.testing.assert_allclose(s["P"][0], (P - K @ S @ K.T)[UPPER], rtol=0, atol=0.01 * P[0, 0])
     assert np.abs(K @ S @ K.T).max() > 0.2 * P[0, 0]

@@ -70,6 +70,7 @@ def in_c(kernel):
         function.restype = {"f": ctypes.c_double, "i": ctypes.c_int64, "b": ctypes.c_bool, "v": None}[returns.kind]
         return function(*words)
 
+    call.py_func = kernel.py_func  # for `interpreted`
     return call
 
 
@@ -77,7 +78,8 @@ def _type(argument):
     if isinstance(argument, np.void):
         return "record", argument.dtype
     if isinstance(argument, np.ndarray):
-        assert argument.flags.c_contiguous
+        if argument.ndim == 0 or not argument.flags.c_contiguous:
+            raise UnsupportedError(argument.shape)
         return "array", np.dtype((argument.dtype, argument.shape[1:]))
     if isinstance(argument, tuple):
         return "tuple", float, len(argument)

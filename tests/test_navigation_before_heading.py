@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 from navigation_runner import navigate
 from navigation_simulation import curvature, drive, errors, received, sensed
 
@@ -11,6 +12,8 @@ from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.state import ATTITUDE, POSITION, STATES, TIME_OFFSET
 from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
 from imud.math.kalman import packed_index
+
+transfer_lever_arm = in_c(transfer_lever_arm)
 
 RATE = 100
 PARKED = drive(120.0, rest=1e3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -29,6 +30,11 @@ from imud.estimators.ins.state import (
     VELOCITY_TIME_OFFSET,
 )
 from imud.math.kalman import unpack
+
+set_jacobian = in_c(set_jacobian)
+correct_state = in_c(correct_state)
+gated_update = in_c(gated_update)
+propagate_errors = in_c(propagate_errors)
 
 
 def skew(v):

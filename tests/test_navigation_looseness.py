@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 
 from imud.compile.jit import kernel
 from imud.configuration.settings import Initial, Settings
@@ -17,6 +18,11 @@ from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, GYRO_SCALE, STATES
 from imud.math.kalman import scale, unpack
 
+clear_innovation_sums = in_c(clear_innovation_sums)
+disable_nhc = in_c(disable_nhc)
+enable_nhc = in_c(enable_nhc)
+gap_variance = in_c(gap_variance)
+
 PARAMETERS = configure(Settings(), 100.0).view(np.recarray)[0]
 TUNING = PARAMETERS["tuning"]
 SUM_LENGTH = int(TUNING["nhc_sum_length"])
@@ -24,6 +30,7 @@ NOISE_SCALE_RANGE = TUNING["nhc_min_noise_scale"], TUNING["nhc_max_noise_scale"]
 INITIAL_NOISE_SCALE = np.sqrt(NOISE_SCALE_RANGE[0] * NOISE_SCALE_RANGE[1])
 
 
+@in_c
 @kernel
 def all_fit(p, c, innovations, assumed):
     fits = True

@@ -2,18 +2,23 @@
 
 import numpy as np
 import pytest
+from in_c import Module, in_c
 from navigation_simulation import drive
 from scipy.spatial.transform import Rotation
 
+from imud.compile.jit import kernel
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.ins import fusion, mechanization
-from imud.estimators.ins.alignment import force_integrals as matching
-from imud.estimators.ins.alignment import heading_posterior as posterior
-from imud.estimators.ins.alignment import hypothesis_bank as hypotheses
-from imud.estimators.ins.alignment import whitening
+from imud.estimators.ins import fusion as fusion_kernels
+from imud.estimators.ins import mechanization as mechanization_kernels
+from imud.estimators.ins.alignment import force_integrals, heading_posterior, hypothesis_bank
+from imud.estimators.ins.alignment import whitening as whitening_kernels
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
+
+fusion, mechanization = Module(fusion_kernels), Module(mechanization_kernels)
+matching, posterior = Module(force_integrals), Module(heading_posterior)
+hypotheses, whitening = Module(hypothesis_bank), Module(whitening_kernels)
 
 RATE = 100
 G = 9.80665
@@ -37,16 +42,30 @@ def carried(corrections, seconds=20.0, at_s=8.0):
     d = drive(seconds, rest=0.0, fast_start=True)
     c["nav"]["q_nb"], c["nav"]["v_n"], c["nav"]["lat"] = np.roll(d.attitude[0].as_quat(), 1), d.v[0], d.lat[0]
     c["imu"]["w"], c["imu"]["f"] = d.w[0], d.f[0]
-    for k in range(1, len(d.t)):
-        mechanization.integrate_strapdown(c, d.w[k], d.f[k], 1.0 / RATE)
-        c["imu"]["w"], c["imu"]["f"] = d.w[k], d.f[k]
-        c["imu"]["rate_b"] = d.w[k] - c["nav"]["bg"]
-        fusion.propagate_errors(p, c)
-        if k == int(at_s * RATE):
-            for state, value in corrections.items():
-                c["scratch"]["x"][state] = value
-            fusion.correct_state(p, c)
+    x = np.zeros(STATES)
+    for state, value in corrections.items():
+        x[state] = value
+    signal = np.hstack([d.w, d.f])[1:].reshape(-1)
+    follow(p, c, signal, int(at_s * RATE), 1.0 / RATE, x)
     return c["alignment"]["integrals"].copy(), s
+
+
+@in_c
+@kernel
+def follow(p, c, signal, at, period, corrections):
+    """Propagate through rates and forces, six numbers each; `at`: the sample behind which it is corrected."""
+    for k in range(len(signal) // 6):
+        w = signal[6 * k :]
+        f = signal[6 * k + 3 :]
+        mechanization_kernels.integrate_strapdown(c, w, f, period)
+        for i in range(3):
+            c.imu.w[i], c.imu.f[i] = w[i], f[i]
+            c.imu.rate_b[i] = w[i] - c.nav.bg[i]
+        fusion_kernels.propagate_errors(p, c)
+        if k + 1 == at:
+            for i in range(len(corrections)):
+                c.scratch.x[i] = corrections[i]
+            fusion_kernels.correct_state(p, c)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 from navigation_runner import nanoseconds, navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
@@ -18,6 +19,11 @@ from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import STATES
 from imud.estimators.records import REJECTING
 from imud.math.kalman import unpack as unpacked
+
+bound_sensitivity = in_c(bound_sensitivity)
+learn_process_noise = in_c(learn_process_noise)
+propagate_learning = in_c(propagate_learning)
+update_learning = in_c(update_learning)
 
 N = 9  # position, velocity, attitude
 FIXES, DT, STEPS, R = 12, 0.25, 4, 0.04**2

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import Module
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,11 @@ from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
 from imud.math.kalman import unpack
+
+rest = Module(rest)
+stationarity = Module(stationarity)
+forward_axis = Module(forward_axis)
+non_holonomic = Module(non_holonomic)
 
 PARAMETERS = configure(Settings(), 100.0)[0]
 LN_REST, LN_MOTION = np.log(0.0014), np.log(0.009)  # of the gyro's deviation in rad/s, a car's in Tokyo

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -11,11 +12,11 @@ from hatchling.builders.wheel import WheelBuilder
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def packed(builder):
+def packed(builder, root=ROOT):
     """Paths in the distribution, with the sources' paths."""
     return {
         Path(file.distribution_path): Path(file.path)
-        for file in builder(str(ROOT)).recurse_included_files()
+        for file in builder(str(root)).recurse_included_files()
         if "__pycache__" not in file.path
     }
 
@@ -43,3 +44,16 @@ def test_the_modules_are_found_under_their_name():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     file, name = done.stdout.split()
     assert Path(file).resolve() == ROOT / "drivers" / "sample.py" and name == "imud.firmware_sim.motion"
+
+
+def test_a_wheel_made_from_the_source_distribution_has_the_same_files_and_its_kernels_are_found(wheel, tmp_path):
+    """As `pip install imud-….tar.gz` makes it."""
+    (archive,) = SdistBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    with tarfile.open(archive) as file:
+        file.extractall(tmp_path, filter="data")
+    (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert set(packed(WheelBuilder, unpacked)) == set(wheel)
+    code = "import imud.compilation as c; print(c.__file__, len(c.entries()))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=unpacked)
+    file, entries = done.stdout.split()
+    assert Path(file).is_relative_to(unpacked) and int(entries) > 20

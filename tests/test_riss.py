@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from in_c import Module
 from riss_runs import RATE_HZ, SETTINGS, drive, errors, normalised
 from simulated import estimated, motion, received, rpy, sensed
 
@@ -21,10 +22,13 @@ from imud.estimators.records import (
     POSITION_VALID,
     REJECTING,
 )
-from imud.estimators.riss import ekf, forces, state
+from imud.estimators.riss import ekf as ekf_kernels
+from imud.estimators.riss import forces as forces_kernels
+from imud.estimators.riss import state
 from imud.firmware_sim.rga300 import RGA300
 from imud.setup import choices
 
+ekf, forces = Module(ekf_kernels), Module(forces_kernels)
 UPPER = np.triu_indices(state.STATES)
 ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 

@@ -1,5 +1,6 @@
 """gcc, clang and numba give the same words; all golden traces: `python tests/same_bits.py`."""
 
+import functools
 import os
 import shutil
 import subprocess
@@ -14,6 +15,7 @@ TESTS = Path(__file__).resolve().parent
 NAMES = ("tilt", "stationary")  # numba compiles their kernels in seconds
 
 
+@functools.cache
 def digests(names, **variables):
     command = [sys.executable, "same_bits.py", *names]
     environment = {**os.environ, **variables}

@@ -52,7 +52,7 @@ class Entry(Kernel):
         for i, argument in enumerate(arguments):
             if argument is not last[i]():
                 self._set_argument(i, argument)
-        return int(self._by_numba(*arguments) or 0) if self._call is None else self._call(*self._words)
+        return int(self.by_numba(*arguments) or 0) if self._call is None else self._call(*self._words)
 
     @property
     def address(self) -> int:
@@ -63,7 +63,8 @@ class Entry(Kernel):
         return library.address(symbol(self, _dtypes(integers))) or cast(int, self._callback.address)
 
     @functools.cached_property
-    def _by_numba(self) -> Callable[..., int | None]:
+    def by_numba(self) -> Callable[..., int | None]:
+        """The same function as numba compiles it. Raises UsageError where there is no numba."""
         _prepare_numba()
         return cast(Callable[..., int | None], self.compiled)
 

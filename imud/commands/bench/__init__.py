@@ -22,13 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="a minute instead of several: shorter runs, no cold start, no instructions counted",
+        help="a minute instead of several: shorter runs, no cold start, no numba, no instructions counted",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
 
 
 def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
-    from . import aided, instructions, live, recorded, startup, throughput
+    from . import aided, instructions, live, numba_replay, recorded, startup, throughput
 
     seconds, rounds = (10, 5) if quick else (60, 9)
     parts: list[tuple[str, Callable[[], Section]]] = [
@@ -40,7 +40,10 @@ def _parts(quick: bool) -> list[tuple[str, "Callable[[], Section]"]]:
         ("live", partial(live.live, seconds)),
         ("start", partial(startup.start, rounds, not quick)),
     ]
-    return parts if quick else [*parts, ("instructions", instructions.instructions)]
+    if quick:
+        return parts
+    by_numba = partial(numba_replay.against_numba, seconds, rounds)
+    return [*parts, ("numba", by_numba), ("instructions", instructions.instructions)]
 
 
 def run(args: argparse.Namespace) -> int:

@@ -85,3 +85,12 @@ def test_a_pulse_does_not_make_a_queue_right():
         clock.epoch_ns(10.0 + k, 100 * SECOND + k, 99_900_000_000)
         assert not clock.is_known
     assert clock.epoch_ns(15.0, 101 * SECOND + 200_000_000, 101 * SECOND) == 101 * SECOND and clock.is_known
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_time_that_runs_backward_is_a_fault_also_over_midnight(step):
+    receiver = Receiver(by_name("nmea"), Gnss(), 0)
+    for k in range(8):
+        second = (86_398 + step * k if step > 0 else 2 - k) % 86_400
+        receiver.take(gga(f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.000"), (5 + k) * SECOND)
+    assert any("backward" in fault for fault in receiver.faults(13 * SECOND)) == (step < 0)

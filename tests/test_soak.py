@@ -125,3 +125,8 @@ def test_who_waited_for_a_processor(tmp_path):
     assert (waits.waits["daemon"].waited_s, waits.waits["daemon"].runs) == (pytest.approx(0.004), 4)
     assert waits.waits["daemon"].mean_ms == pytest.approx(1.0)
     assert (waits.waits[KERNEL].waited_s, waits.waits[KERNEL].runs) == (pytest.approx(0.04), 3)
+
+
+def test_what_the_daemon_said_of_one_port():
+    log = "00:00 streaming port=/tmp/a/g350 baud=1\n00:01 streaming port=/tmp/a/nmea\n00:02 /tmp/a/g350 went away\n"
+    assert [line[:5] for line in table.lines_of_port(log, "g350")] == ["00:00", "00:02"]

@@ -77,6 +77,7 @@ class Receiver:
         self._used_last: Fix | None = None
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
+        self._backward = 0  # fixes in sequence, each of an earlier time than the one before
         self._connected_ns = now_ns
         self.received: dict[str, Received] = {}  # of its readings, by aiding source
         self.measured: list[Measured] = []  # of its readings; who uses them empties it
@@ -117,6 +118,7 @@ class Receiver:
         for fix in fixes if self.positions else ():
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
+            self._backward = self._backward + 1 if self._last and runs_backward(self._last, fix) else 0
             self._last = fix
             t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
             row = record(fix, t_ns, now_ns)
@@ -230,6 +232,8 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
+        if self._backward >= STEADY:
+            return "receiver: its time runs backward"
         if self._consistency.is_frozen:
             return "receiver: its position has never changed although its velocity says that it moves"
         if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
@@ -272,3 +276,10 @@ def jumps(before: Fix, after: Fix) -> bool:
     east = turns * EARTH_RADIUS_M * math.cos(math.radians(after.lat_deg))
     speed = max(before.speed_mps or 0.0, after.speed_mps or 0.0)
     return math.hypot(north, east) > JUMP_M + (JUMP_MPS + speed) * max(seconds, 1.0)
+
+
+def runs_backward(before: Fix, after: Fix) -> bool:
+    """Whether the later fix has the earlier time of day; over midnight the day is the nearest one."""
+    if before.utc_s is None or after.utc_s is None:
+        return False
+    return math.remainder(after.utc_s - before.utc_s, 86_400.0) < 0.0

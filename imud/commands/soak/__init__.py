@@ -34,6 +34,7 @@ _DEVICES = ("g350", "nmea")
 _STATUS_S, _ROW_S = 5.0, 60.0
 _CALM_MINUTES = 3.0  # a shorter run has its troubles in quicker succession
 _FIRST_STATE_S = 60.0
+_LONG_GAP_S = 8.0  # a sensor that is unplugged for 3 s streams within 6 s
 _SETTLE_S = 2.0  # after the end, for what is under way
 _DAMAGED = re.compile(r"g350: \d+ messages sent, (\d+) of them damaged")
 _WRITTEN = re.compile(r"g350: written late by ([\d./ ]+) ms")
@@ -140,6 +141,12 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
     made = replace(made, emulator_late_ms=written[1]) if written else made
     print(table.summary(made, states, estimates.comparison, troubles.counts, memory, waits.waits))
+    if states.longest_gap_s > _LONG_GAP_S:
+        print(
+            "\nof the daemon's log, as the sensor was away for long:",
+            *table.lines_of_port(log.read_text(), "g350"),
+            sep="\n",
+        )
     return 1 if made.lost or made.internal_errors else 0
 
 

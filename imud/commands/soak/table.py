@@ -89,3 +89,8 @@ def summary(
             lines.append(f"  {name:28}{errors.rms:12.3f}{errors.claimed_rms:12.3f}  {_UNITS[name]}{inside}")
     verdict = f"{made.lost} samples LOST" if made.lost else "nothing that was delivered is lost"
     return "\n".join([*lines, verdict])
+
+
+def lines_of_port(log: str, name: str) -> list[str]:
+    """The lines of the daemon's log that are of one port."""
+    return [line for line in log.splitlines() if f"/{name}" in line]

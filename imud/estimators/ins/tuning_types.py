@@ -147,6 +147,7 @@ class Tuning:
     heave_memory_s: float
     max_heave: float
     max_heave_time: float
+    max_heave_velocity_sigma: float
     coordination_sigma: float
     nhc_sum_length: int
     nhc_sum_gain: float

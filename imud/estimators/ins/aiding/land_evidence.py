@@ -53,6 +53,13 @@ TUNABLES = (
     Tunable("max_heave", 0.006, "m", "Largest heave of a land vehicle.", "Walks have half as much again."),
     Tunable("max_heave_time", 0.0005, "s", "The same, per m/s of its speed.", "Rough roads."),
     Tunable(
+        "max_heave_velocity_sigma",
+        0.2,
+        "m/s",
+        "Largest sigma of the vertical velocity with which heave is observed.",
+        "The corrections of a worse one look like it.",
+    ),
+    Tunable(
         "coordination_sigma",
         0.5,
         "m/s^2",
@@ -127,8 +134,9 @@ def add_evidence(p: Parameters, c: Core, v: Vector, level2: float, down: Vector)
         f, ba = c.stationarity.mean_f, c.nav.ba
         turn = along * row[TURN] * math.sqrt(dot(across, across)) / length
         force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(dot(across, across))
-        e.turn_force[0] = decay * e.turn_force[0] + turn * turn
-        e.turn_force[1] = decay * e.turn_force[1] + turn * force
+        sums, rows = e.turn_force, (1.0, turn, force, turn * turn, turn * force)
+        for i in range(5):
+            sums[i] = decay * sums[i] + rows[i]
 
 
 @kernel
@@ -197,7 +205,9 @@ def heaves(c: Core) -> bool:
 @kernel
 def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
-    square, product = c.land_evidence.turn_force[0], c.land_evidence.turn_force[1]
+    s = c.land_evidence.turn_force
+    n = max(s[0], 1.0)
+    square, product = s[3] - s[1] * s[1] / n, s[4] - s[1] * s[2] / n  # about the means: a tilt or bias is no turn
     root = math.sqrt(max(square, 1e-12))
     return bool((0.5 * square - product) / root > sigmas * p.tuning.coordination_sigma)
 
@@ -205,7 +215,7 @@ def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
 @kernel
 def shows_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of a land vehicle."""
-    if heaves(c) or coordinates_turns(p, c, 0.5):
+    if heaves(c) or coordinates_turns(p, c, 1.0):
         return False
     return land_log_likelihood(p, c) > p.tuning.land_log_likelihood
 

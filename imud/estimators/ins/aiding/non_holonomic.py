@@ -112,7 +112,7 @@ def observe_heave(p: Parameters, c: Core) -> None:
     """While the constraint is disabled: the vertical velocity in the body, across the principal axis."""
     h = c.nhc
     dt, h.since_update = h.since_update, 0.0
-    if h.scatter_weight <= 0.0:
+    if h.scatter_weight <= 0.0 or variance(c, VELOCITY + 2) > p.tuning.max_heave_velocity_sigma**2:
         return
     axis = (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2])
     q = quaternion(c)

@@ -45,7 +45,7 @@ LAND_EVIDENCE = np.dtype(  # that the vehicle rolls on the ground
         ("products", "<f8", (15,)),  # sums of products of velocities, turn rate and azimuth, weighted; packed
         ("weight", "<f8"),  # sum of their weights, s^2/m^2
         ("count", "<f8"),  # independent velocities in these
-        ("turn_force", "<f8", (2,)),  # m^2/s^4, of turns: sums of their square, and times the lateral force
+        ("turn_force", "<f8", (5,)),  # of turns, m/s^2: count, sums of turn, lateral force, their products
         ("leaky_height", "<f8"),  # m, integral of the vertical velocity in the body that decays
         ("mean_height", "<f8"),  # m, its mean
         ("heave_variance", "<f8"),  # mean square of its deviation, over the largest of a land vehicle

@@ -149,6 +149,7 @@ class LandEvidence:
     turn_force: Reals
     leaky_height: float
     mean_height: float
+    log_likelihood: float
     heave_variance: float
 
 

@@ -17,7 +17,7 @@ from ...tuning import Tunable
 from ..ekf import variance
 from ..mechanization import ned_to_body, quaternion
 from ..state import ATTITUDE, AUTO, FREE, LAND, NAVIGATING, VELOCITY
-from .land_evidence import add_evidence, clear_evidence, shows_land_vehicle
+from .land_evidence import add_evidence, clear_evidence, judge_evidence, shows_land_vehicle
 
 if TYPE_CHECKING:
     from ....math.rotation import Vector
@@ -166,11 +166,13 @@ def accumulate_scatter(p: Parameters, c: Core, v: Vector, level2: float, heading
         + p.tuning.typical_lever_arm**2 * rate2
         + (p.tuning.suspension_pitch**2 + heading2) * speed2
     )
+    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    fast = speed2 > p.tuning.direction_sigmas**2 * (level2 + p.tuning.nhc_sigma**2)
+    if fast and p.vehicle == AUTO and c.alignment.mode == NAVIGATING and h.scatter_weight > 0.0:
+        add_evidence(p, c, v, level2 + heading2 * speed2, down)
+        judge_evidence(p, c)
     if speed2 < p.tuning.direction_sigmas**2 * s2:
         return False
-    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
-    if p.vehicle == AUTO and c.alignment.mode == NAVIGATING:
-        add_evidence(p, c, v, level2 + heading2 * speed2, down)
     if h.enabled:
         return False
     for i in range(3):

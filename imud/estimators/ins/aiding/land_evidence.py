@@ -39,12 +39,18 @@ TUNABLES = (
     Tunable("evidence_time_s", 40.0, "s", "Memory of the evidence for a land vehicle.", "Some turns."),
     Tunable(
         "evidence_correlation",
-        3.0,
+        2.0,
         "windows",
         "Windows of velocities that share their error.",
         "Fixes of 1 Hz, and the filter's own memory.",
     ),
-    Tunable("land_log_likelihood", 2.0, "", "Log likelihood ratio that proves a land vehicle.", "Odds of 7 to 1."),
+    Tunable(
+        "land_log_likelihood",
+        1.5,
+        "",
+        "Log likelihood ratio that shows a land vehicle.",
+        "Odds of 4 to 1.",
+    ),
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
     Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
     Tunable("current_share", 0.3, "", "Current of a body that is no land vehicle, as a share of its speed.", "Boats."),
@@ -61,10 +67,10 @@ TUNABLES = (
     ),
     Tunable(
         "coordination_sigma",
-        0.5,
+        0.3,
         "m/s^2",
-        "Sigma of the lateral specific force in a window that no turn explains.",
-        "Roll of 3 deg.",
+        "Least sigma of the lateral specific force in a window that no turn explains.",
+        "Roll of 2 deg.",
     ),
 )
 ALONG, TURN, CURRENT_N, CURRENT_E, LATERAL = range(5)
@@ -78,6 +84,7 @@ def clear_evidence(c: Core) -> None:
     e.products[:] = 0.0
     e.weight = e.heave_variance = 0.0
     e.leaky_height = e.mean_height = e.count = 0.0
+    e.log_likelihood = 0.0
     e.turn_force[:] = 0.0
 
 
@@ -126,17 +133,23 @@ def add_evidence(p: Parameters, c: Core, v: Vector, level2: float, down: Vector)
             e.products[k] = decay * e.products[k] + w * row[i] * row[j]
     e.weight = decay * e.weight + w
     e.count = decay * e.count + 1.0 / p.tuning.evidence_correlation
-    axis = (c.nhc.principal_axis[0], c.nhc.principal_axis[1], c.nhc.principal_axis[2])
-    u = quat_rotate_back(quaternion(c), v)
-    across = cross(down, axis)
-    along, length = dot(axis, u), math.sqrt(dot(axis, axis) * dot(across, across))
-    if length > 0.0:
-        f, ba = c.stationarity.mean_f, c.nav.ba
-        turn = along * row[TURN] * math.sqrt(dot(across, across)) / length
-        force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(dot(across, across))
-        sums, rows = e.turn_force, (1.0, turn, force, turn * turn, turn * force)
-        for i in range(5):
-            sums[i] = decay * sums[i] + rows[i]
+    add_turn(c, quat_rotate_back(quaternion(c), v), row[TURN], decay)
+
+
+@kernel
+def add_turn(c: Core, u: Vector, rate: float, decay: float) -> None:
+    """Add the lateral force of a window at velocity u (m/s, body) and turn rate, rad/s, to the sums of turns."""
+    h, f, ba = c.nhc, c.stationarity.mean_f, c.nav.ba
+    axis = (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2])
+    across = cross((h.down_sum[0], h.down_sum[1], h.down_sum[2]), axis)  # leans with the body
+    axis2, across2 = dot(axis, axis), dot(across, across)
+    if not axis2 * across2 > 0.0:
+        return
+    turn = rate * dot(axis, u) / math.sqrt(axis2)
+    force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(across2)
+    sums, rows = c.land_evidence.turn_force, (1.0, turn, force, turn * turn, turn * force, force * force)
+    for i in range(6):
+        sums[i] = decay * sums[i] + rows[i]
 
 
 @kernel
@@ -149,11 +162,11 @@ def log_evidence(I00: float, I01: float, I11: float, z0: float, z1: float, varia
 
 
 @kernel
-def land_log_likelihood(p: Parameters, c: Core) -> float:
-    """Log likelihood ratio of a land vehicle against a body in a current; 0: not known."""
+def judge_evidence(p: Parameters, c: Core) -> None:
+    """Once per window: the log likelihood ratio of a land vehicle against a body in a current."""
     e, t = c.land_evidence, p.tuning
     if not e.weight > 0.0:
-        return 0.0
+        return
     down, axis, level = c.nhc.down_sum, c.nhc.principal_axis, e.level_axis
     x = axis[0] * level[0] + axis[1] * level[1] + axis[2] * level[2]
     right = cross((down[0], down[1], down[2]), (level[0], level[1], level[2]))
@@ -181,8 +194,9 @@ def land_log_likelihood(p: Parameters, c: Core) -> float:
     scale = 1.0 / max(rotated[5 * LATERAL + LATERAL] / max(e.count, 1.0), 1.0)
     I00, I01, I11 = rotated[5 * 2 + 2] * scale, rotated[5 * 2 + 3] * scale, rotated[5 * 3 + 3] * scale
     z0, z1 = rotated[5 * 2 + 4] * scale, rotated[5 * 3 + 4] * scale
-    of_land = log_evidence(I00, I01, I11, z0, z1, slip_variance(p, speed2))
-    return of_land - log_evidence(I00, I01, I11, z0, z1, t.land_slip**2 + t.current_share**2 * speed2)
+    current2 = t.land_slip**2 + t.current_share**2 * speed2
+    e.log_likelihood = log_evidence(I00, I01, I11, z0, z1, slip_variance(p, speed2))
+    e.log_likelihood -= log_evidence(I00, I01, I11, z0, z1, current2)
 
 
 @kernel
@@ -206,21 +220,24 @@ def heaves(c: Core) -> bool:
 def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
     s = c.land_evidence.turn_force
-    n = max(s[0], 1.0)
-    square, product = s[3] - s[1] * s[1] / n, s[4] - s[1] * s[2] / n  # about the means: a tilt or bias is no turn
-    root = math.sqrt(max(square, 1e-12))
-    return bool((0.5 * square - product) / root > sigmas * p.tuning.coordination_sigma)
+    n = max(s[0], 1.0)  # about the means: a tilt or bias is no turn
+    square, product, energy = s[3] - s[1] * s[1] / n, s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
+    if not square > 0.0:
+        return False
+    residual = max((energy - product * product / square) / n, p.tuning.coordination_sigma**2)
+    return bool(0.5 * square - product > sigmas * math.sqrt(p.tuning.evidence_correlation * residual * square))
 
 
 @kernel
 def shows_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of a land vehicle."""
-    if heaves(c) or coordinates_turns(p, c, 1.0):
+    if heaves(c) or coordinates_turns(p, c, 0.5):
         return False
-    return land_log_likelihood(p, c) > p.tuning.land_log_likelihood
+    return bool(c.land_evidence.log_likelihood > p.tuning.land_log_likelihood)
 
 
 @kernel
 def refutes_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of none."""
-    return heaves(c) or coordinates_turns(p, c, 3.0) or land_log_likelihood(p, c) < -p.tuning.land_log_likelihood
+    floats = c.land_evidence.log_likelihood < -p.tuning.land_log_likelihood
+    return bool(floats or heaves(c) or coordinates_turns(p, c, 3.0))

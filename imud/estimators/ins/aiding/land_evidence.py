@@ -220,7 +220,7 @@ def heaves(c: Core) -> bool:
 def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
     s = c.land_evidence.turn_force
-    n = max(s[0], 1.0)  # about the means: a tilt or bias is no turn
+    n = max(s[0], 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
     square, product, energy = s[3] - s[1] * s[1] / n, s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
     if not square > 0.0:
         return False

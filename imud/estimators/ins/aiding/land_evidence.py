@@ -13,6 +13,8 @@ velocity, integrated with a memory of `heave_time_s`, is compared with what whee
 
 *Coordinated turn.* A car's lateral specific force in a turn is forward velocity times turn rate; that of what leans
 into turns, a motorcycle or an aircraft, is zero.
+
+An odometer that agrees with the velocity shows a land vehicle, too, but no heave and no lean.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from ....math.kalman import packed_index
 from ....math.rotation import cross, dot, quat_rotate, quat_rotate_back
 from ...tuning import Tunable
 from ..mechanization import quaternion
+from .wheel_check import wheels_support
 
 if TYPE_CHECKING:
     from ....math.rotation import Vector
@@ -39,17 +42,17 @@ TUNABLES = (
     Tunable("evidence_time_s", 40.0, "s", "Memory of the evidence for a land vehicle.", "Some turns."),
     Tunable(
         "evidence_correlation",
-        2.0,
+        1.0,
         "windows",
         "Windows of velocities that share their error.",
         "Fixes of 1 Hz, and the filter's own memory.",
     ),
     Tunable(
         "land_log_likelihood",
-        1.5,
+        0.9,
         "",
         "Log likelihood ratio that shows a land vehicle.",
-        "Odds of 4 to 1.",
+        "Odds of 2 to 1.",
     ),
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
     Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
@@ -231,13 +234,13 @@ def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
 @kernel
 def shows_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of a land vehicle."""
-    if heaves(c) or coordinates_turns(p, c, 0.5):
+    if heaves(c) or coordinates_turns(p, c, 1.0):
         return False
-    return bool(c.land_evidence.log_likelihood > p.tuning.land_log_likelihood)
+    return wheels_support(p, c) or bool(c.land_evidence.log_likelihood > p.tuning.land_log_likelihood)
 
 
 @kernel
 def refutes_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of none."""
-    floats = c.land_evidence.log_likelihood < -p.tuning.land_log_likelihood
+    floats = c.land_evidence.log_likelihood < -p.tuning.land_log_likelihood and not wheels_support(p, c)
     return bool(floats or heaves(c) or coordinates_turns(p, c, 3.0))

@@ -38,6 +38,7 @@ def pytest_collection_modifyitems(items):
 
 def pytest_configure(config):
     """Compile the kernels before the workers start: all of them need them at once."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process that a test starts compiles all modules
     if not hasattr(config, "workerinput"):
         library.library()
 

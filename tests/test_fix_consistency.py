@@ -5,13 +5,15 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 from nmea_lines import gga, rmc
 
 from imud.configuration.settings import Gnss
 from imud.drivers.registry import by_name
-from imud.estimators.records import POSITION_VALID
+from imud.estimators.records import FIX, POSITION_VALID
 from imud.sensors.fix_consistency import FixConsistency, consistent
 from imud.sensors.receiver import Receiver
 from imud.tables.fixes import fixes_of_file
@@ -144,3 +146,13 @@ def test_so_does_the_replay_of_a_table(tmp_path):
     )
     used = fixes_of_file(table, 0, 0, Gnss(), notes.append)
     assert np.isnan(used["speed"][-1]) and "km/h in place of knots" in notes[0]
+
+
+@given(st.lists(st.tuples(*[st.floats() | st.sampled_from([0.0, 20.0, 1e300, -1e300])] * 8), min_size=2, max_size=12))
+def test_no_number_raises(values):
+    rows = np.zeros(len(values), FIX)
+    for k, (lat, lon, north, east, speed, course, sigma, hdop) in enumerate(values):
+        rows[k]["lat"], rows[k]["lon"], rows[k]["v"] = lat, lon, (north, east, 0.0)
+        rows[k]["speed"], rows[k]["course"], rows[k]["sigma"], rows[k]["hdop"] = speed, course, sigma, hdop
+        rows[k]["t_ns"] = k * SECOND
+    judged(rows)

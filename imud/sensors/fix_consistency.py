@@ -21,7 +21,7 @@ _CHORDS = 3  # in sequence that decide
 _WRONG, _RIGHT = (0.7, 1.5), (0.85, 1.2)  # ratios beyond and within
 _ASIDE, _SPREAD = 0.2, 1.2  # most displacement across the chord; largest ratio of two chords
 _LONGEST_NS = 3_000_000_000  # between fixes; over a longer time the velocity is not known
-_SLOW_MPS = 0.5  # below it many receivers hold position or speed
+_SLOW_MPS, _FAST_MPS = 0.5, 1e4  # below the first many receivers hold position or speed; beyond the other none is
 _HDOP_M = 1.5  # sigma for each unit of HDOP, where the receiver states none
 _RADIUS_M = 6.371e6
 _UNITS = {1.852: "km/h in place of knots", 1 / 1.852: "knots in place of km/h", 0.5144: "m/s in place of knots",
@@ -52,7 +52,8 @@ class FixConsistency:
         if last is None:
             return
         interval_ns, mean = now[0] - last[0], 0.5 * (now[3] + last[3])
-        if not (0 < interval_ns < _LONGEST_NS and cmath.isfinite(mean)):
+        known = cmath.isfinite(mean) and all(map(math.isfinite, (*last[1:3], *now[1:3])))
+        if not (0 < interval_ns < _LONGEST_NS and known):
             self._integral = self._displacement = 0j
             return
         step = complex(now[1] - last[1], math.remainder(now[2] - last[2], math.tau) * math.cos(now[1])) * _RADIUS_M
@@ -122,9 +123,10 @@ def consistent(fixes: Records, tell: Callable[[str], object]) -> Records:
 def _velocity(row: np.void) -> complex:
     """North + i east, m/s; NaN where it does not say, or hardly moves."""
     stated = complex(row["v"][0], row["v"][1])
-    if not cmath.isfinite(stated) and math.isfinite(row["speed"]) and math.isfinite(row["course"]):
+    if not cmath.isfinite(stated) and abs(row["speed"]) < _FAST_MPS and math.isfinite(row["course"]):
         stated = cmath.rect(row["speed"], row["course"])
-    return stated if abs(stated) > _SLOW_MPS else complex(math.nan)
+    size = max(abs(stated.real), abs(stated.imag))
+    return stated if _SLOW_MPS < size < _FAST_MPS else complex(math.nan)
 
 
 def _sigma(row: np.void) -> float:

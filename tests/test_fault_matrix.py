@@ -52,6 +52,8 @@ def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
         ("robot", "heading", "late at once"),  # 30 deg in turns
         ("boat", "heading", "late at once"),
         ("drone", "barometer", "frozen"),
+        ("robot", "two wheels", "wrong units"),  # they agree near standstill
+        ("walk", "velocity", "wrong units"),
     ],
 )
 def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):

@@ -108,6 +108,8 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = c["odometer"]["reading_ns"] = NEVER_NS
     c["odometer"]["resolution"] = np.inf
+    c["odometer"]["used_share"] = t["odometer_min_used_share"]
+    c["external_velocity"]["used_share"] = t["external_velocity_min_share"]
     c["gnss"]["given_lever_arm"] = math.nan
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2

@@ -343,6 +343,8 @@ class Tuning:
     external_velocity_correlation_s: float
     external_velocity_scale_s: float
     external_velocity_time_sigma: float
+    external_velocity_min_share: float
+    external_velocity_share_s: float
     external_velocity_gate: float
     mag_sigma: float
     mag_yaw_sigma: float

@@ -305,6 +305,7 @@ class ExternalAid:
     last_ns: int
     last_used_ns: int
     rejected: int
+    used_share: float
     offset_variance: Reals
     last_value: Reals
 

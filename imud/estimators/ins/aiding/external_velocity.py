@@ -80,6 +80,15 @@ TUNABLES = (
         "It lasts; views change.",
     ),
     Tunable("external_velocity_time_sigma", 0.02, "s", "Unknown age of a velocity.", "Choice: half of 25 Hz."),
+    Tunable(
+        "external_velocity_min_share",
+        0.5,
+        "",
+        "Share of velocities that pass the gate below which none is used.",
+        "Wrong units agree now and then, near standstill.",
+        high=1.0,
+    ),
+    Tunable("external_velocity_share_s", 10.0, "s", "Time of that share.", "As odometer_share_s."),
     Tunable("external_velocity_gate", 25.0, "NIS", "Gate of each component of an external velocity.", "Five sigma."),
 )
 
@@ -140,6 +149,8 @@ def fuse_external_velocity(p: Parameters, c: Core, m: Measurement, innovations: 
         z, s = m.value[i] - v[i], innovation_variance(c, external_velocity_jacobian(p, c, m, i))
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
         used = used and not z * z > p.tuning.external_velocity_gate * (s + sigma * sigma + scale + timing)
+    g.used_share += ((1.0 if used else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
+    used = used and g.used_share >= p.tuning.external_velocity_min_share
     n = 0
     for i in range(3):
         if not math.isfinite(m.value[i]):

@@ -186,9 +186,10 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     gate = REJECT
     if not frozen:
         gate = step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
-    z, s, nis = correlated_update(c, length, z, r, shared, gate, -1)
+    proven = c.odometer.used_share >= p.tuning.odometer_min_used_share
+    z, s, nis = correlated_update(c, length, z, r, shared, gate if proven else REJECT, -1)
     used = nis >= 0.0
-    count_use(p, c, used, dt)
+    count_use(p, c, gate != REJECT and z * z <= gate * s, dt)
     if used or n > 0:
         correct_state(p, c)
     if used:

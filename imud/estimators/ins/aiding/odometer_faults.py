@@ -49,7 +49,7 @@ TUNABLES = (
         "odometer_min_used_share",
         0.5,
         "",
-        "Share of used readings below which wheels are not believed against the velocity.",
+        "Share of readings that pass the gate below which none is used.",
         "Wrong units agree now and then, near standstill.",
         high=1.0,
     ),

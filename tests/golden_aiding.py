@@ -48,6 +48,14 @@ def compass_in_wrong_units():
     return replace(navigated(*data(d, seed=56)), measurements=rows)
 
 
+def compass_mounted_wrong():
+    """By 10 deg: what it has done to the estimate is removed."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(10.0)
+    return replace(navigated(*data(d, seed=58)), measurements=rows)
+
+
 def compass_in_any_order():
     d = road(60.0)
     return replace(navigated(*data(d, seed=47)), measurements=headings(d, seed=52, spread_s=1.5))

@@ -6,6 +6,7 @@ from golden_aiding import (
     compass_behind_many_fixes,
     compass_in_any_order,
     compass_in_wrong_units,
+    compass_mounted_wrong,
     compass_too_late,
     magnetometer,
     magnetometer_contradicted,
@@ -126,7 +127,7 @@ CLASSES = (
     step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     odometer_against_a_drift_across,
-    compass_in_wrong_units, speed_through_water, odometer_late, odometer_faulty, two_wheels,
+    compass_in_wrong_units, compass_mounted_wrong, speed_through_water, odometer_late, odometer_faulty, two_wheels,
     barometer, pose, pose_alone, pose_elsewhere, pose_without_yaw, external_velocity, body_velocity,
     magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

@@ -48,6 +48,22 @@ def compass_in_wrong_units():
     return replace(navigated(*data(d, seed=56)), measurements=rows)
 
 
+def compass_mounted_wrong():
+    """By 10 deg: what it has done to the estimate is removed."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(10.0)
+    return replace(navigated(*data(d, seed=58)), measurements=rows)
+
+
+def compass_turned_at_rest():
+    """For good, before any motion: the heading that it gave is given up."""
+    d = road(50.0, rest=40.0)
+    rows = headings(d, seed=59)
+    rows["value"][75:, 0] += 0.7
+    return replace(navigated(*data(d, seed=60)), measurements=rows)
+
+
 def compass_in_any_order():
     d = road(60.0)
     return replace(navigated(*data(d, seed=47)), measurements=headings(d, seed=52, spread_s=1.5))
@@ -196,6 +212,16 @@ def barometer():
     rows["value"][(t > 50.0) & (t < 52.0), 0] -= 8.0
     rows["value"][t > 80.0, 0] += 12.0
     return replace(navigated(*data(d, seed=68)), measurements=rows)
+
+
+def barometer_of_another_height():
+    """Its readings climb by 1.5 m/s on a level road, as they would of another scale on a hill."""
+    golden = barometer()
+    rows = golden.measurements
+    t = rows["t_ns"] * 1e-9 - 100.0
+    rows["value"][:, 0] += 1.5 * np.clip(t - 20.0, 0.0, 25.0)
+    rows["sigma"] = 3.0
+    return golden
 
 
 EARTH = np.array([20.9e-6, 1.6e-6, 43.4e-6])  # T, NED

@@ -2,11 +2,14 @@
 
 from golden_aiding import (
     barometer,
+    barometer_of_another_height,
     compass,
     compass_behind_many_fixes,
     compass_in_any_order,
     compass_in_wrong_units,
+    compass_mounted_wrong,
     compass_too_late,
+    compass_turned_at_rest,
     magnetometer,
     magnetometer_contradicted,
     magnetometer_doubted,
@@ -126,7 +129,8 @@ CLASSES = (
     step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     odometer_against_a_drift_across,
-    compass_in_wrong_units, speed_through_water, odometer_late, odometer_faulty, two_wheels,
-    barometer, pose, pose_alone, pose_elsewhere, pose_without_yaw, external_velocity, body_velocity,
-    magnetometer, magnetometer_contradicted, magnetometer_doubted,
+    compass_in_wrong_units, compass_mounted_wrong, compass_turned_at_rest,
+    speed_through_water, odometer_late, odometer_faulty, two_wheels,
+    barometer, barometer_of_another_height, pose, pose_alone, pose_elsewhere, pose_without_yaw,
+    external_velocity, body_velocity, magnetometer, magnetometer_contradicted, magnetometer_doubted,
 )  # fmt: skip

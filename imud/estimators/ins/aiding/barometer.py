@@ -128,9 +128,8 @@ def scale_error2(p: Parameters, c: Core, m: Measurement) -> float:
         return 0.0
     ratio = g.reading_height / g.reading2  # of the height to the reading, which is precise
     noise = p.tuning.baro_ratio_noise / math.sqrt(g.reading2)
-    if abs(ratio - 1.0) < p.tuning.baro_ratio_tolerance + 3.0 * noise:
-        return 0.0
-    return (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2
+    wrong = abs(ratio - 1.0) >= p.tuning.baro_ratio_tolerance + 3.0 * noise
+    return (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2 if wrong else 0.0
 
 
 @kernel

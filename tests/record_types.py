@@ -39,6 +39,7 @@ INS = {
     "Stationarity": core.STATIONARITY,
     "GravityMonitor": integrity.GRAVITY_MONITOR,
     "Nhc": aiding.NHC,
+    "LandEvidence": aiding.LAND_EVIDENCE,
     "Gnss": aiding.GNSS,
     "Integrity": integrity.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins import rest, stationarity
-from imud.estimators.ins.aiding import forward_axis, non_holonomic
+from imud.estimators.ins.aiding import forward_axis, land_evidence, non_holonomic
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
@@ -46,8 +46,11 @@ def test_where_the_vehicle_turns_about_is_found_forwards_and_in_reverse(arm, swi
     assert np.sqrt(np.mean(heading**2)) < 2.0
 
 
-def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.5):
-    """The core after windows with these headings and body velocities (forward, right, down), each with a fresh fix."""
+def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.5, lateral_share=1.0):
+    """The core after windows with these headings and body velocities (forward, right, down), each with a fresh fix.
+
+    lateral_share: of the force of turns, how much is lateral; the rest is that of a vehicle that leans.
+    """
     settings = Settings(navigation=Navigation(vehicle=vehicle))
     p = configure(settings, 100.0)
     c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
@@ -57,6 +60,8 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
         attitude = Rotation.from_euler("z", heading, degrees=True)
         c["nav"]["q_nb"], c["nav"]["v_n"] = np.roll(attitude.as_quat(), 1), attitude.apply(v)
         c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = int(1e9 * every_s * k)
+        c["imu"]["rate_b"][2] = np.radians(np.gradient(heading_deg)[k]) / every_s
+        c["stationarity"]["mean_f"] = np.cross((0.0, 0.0, lateral_share * c["imu"]["rate_b"][2]), v) - (0.0, 0.0, 9.8)
         if forward_axis.find_forward_axis(p[0], c):
             non_holonomic.enable_nhc(p[0], c)
     return c
@@ -90,6 +95,33 @@ def test_a_flight_that_looks_like_a_drive_for_some_seconds_is_none():
     along = np.column_stack([3.0 + 0.0 * k, 0.27 * (-1.0) ** k, 0.0 * k])  # across: 0.8 of what the doubts explain
     assert travelled(3.0 * k[:12], along[:12])["nhc"]["enabled"] == 0
     assert travelled(3.0 * k, along)["nhc"]["enabled"] == 1
+
+
+@pytest.mark.parametrize("current, land", [(0.0, True), (0.1, True), (0.8, False), (1.5, False)])
+def test_turns_refute_a_land_vehicle_that_a_current_carries(current, land):
+    heading = 150.0 * np.sin(0.05 * np.arange(100))
+    to_the_east = np.column_stack([np.sin(np.radians(heading)), np.cos(np.radians(heading)), 0.0 * heading])
+    c = travelled(heading, (5.0, 0.0, 0.0) + current * to_the_east)
+    assert land_evidence.refutes_land_vehicle(PARAMETERS, c) == (not land)
+    assert land_evidence.shows_land_vehicle(PARAMETERS, c) == land
+
+
+@pytest.mark.parametrize("lateral_share, land", [(1.0, 1), (0.0, 0)])
+def test_a_vehicle_that_leans_into_turns_is_no_land_vehicle(lateral_share, land):
+    heading = 150.0 * np.sin(0.05 * np.arange(100))
+    along = np.column_stack([5.0 + 0.0 * heading, 0.0 * heading, 0.0 * heading])
+    assert travelled(heading, along, lateral_share=lateral_share)["nhc"]["enabled"] == land
+
+
+@pytest.mark.parametrize("millimetres, hertz, heaves", [(20.0, 1.8, True), (2.0, 4.0, False), (0.0, 1.0, False)])
+def test_steps_heave_and_wheels_do_not(millimetres, hertz, heaves):
+    p = configure(Settings(), 100.0)
+    c = start(p, Initial())["core"][0, 0]
+    for t in 0.1 * np.arange(300):
+        vertical = 1e-3 * millimetres * 2.0 * np.pi * hertz * np.cos(2.0 * np.pi * hertz * t)
+        land_evidence.add_heave(p[0], c, vertical, 1.2, 0.1)
+    assert land_evidence.heaves(c) == heaves
+    assert land_evidence.refutes_land_vehicle(p[0], c) == heaves
 
 
 def test_velocities_from_before_the_heading_was_known_rotate_with_it():

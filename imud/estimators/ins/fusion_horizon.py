@@ -113,6 +113,7 @@ def store_snapshot(s: State) -> None:
     c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
+    k.land_evidence = c.land_evidence
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
@@ -134,6 +135,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     """Restore the core from snapshot k."""
     c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
+    c.land_evidence = k.land_evidence
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer

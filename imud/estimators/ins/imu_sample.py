@@ -14,7 +14,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 from ...compile.jit import kernel
 from ..tuning import Tunable
 from .aiding.forward_axis import find_forward_axis
-from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due
+from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
@@ -88,5 +88,8 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
         end_window(p, c)
     if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
-        propagate_errors(p, c)
-        fuse_nhc(p, c)
+        if c.nhc.enabled:
+            propagate_errors(p, c)
+            fuse_nhc(p, c)
+        else:
+            observe_heave(p, c)

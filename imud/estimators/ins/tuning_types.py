@@ -137,6 +137,18 @@ class Tuning:
     axis_windows_land: float
     axis_across_land: float
     power_iterations: int
+    evidence_time_s: float
+    evidence_correlation: float
+    land_log_likelihood: float
+    land_slip: float
+    land_slip_share: float
+    current_share: float
+    heave_time_s: float
+    heave_memory_s: float
+    max_heave: float
+    max_heave_time: float
+    max_heave_velocity_sigma: float
+    coordination_sigma: float
     nhc_sum_length: int
     nhc_sum_gain: float
     nhc_first_sums: float

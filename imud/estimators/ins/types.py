@@ -141,6 +141,18 @@ class Nhc:
     disabled_ns: int
 
 
+class LandEvidence:
+    level_axis: Reals
+    products: Reals
+    weight: float
+    count: float
+    turn_force: Reals
+    leaky_height: float
+    mean_height: float
+    log_likelihood: float
+    heave_variance: float
+
+
 class Gnss:
     last_used_ns: int
     fix_count: int
@@ -375,6 +387,7 @@ class Snapshot:
     stationarity: Stationarity
     gravity_monitor: GravityMonitor
     nhc: Nhc
+    land_evidence: LandEvidence
     gnss: Gnss
     integrity: Integrity
     process_noise: ProcessNoise
@@ -400,6 +413,7 @@ class Core:
     stationarity: Stationarity
     gravity_monitor: GravityMonitor
     nhc: Nhc
+    land_evidence: LandEvidence
     gnss: Gnss
     integrity: Integrity
     process_noise: ProcessNoise

@@ -16,7 +16,8 @@ from ....math.rotation import quat_exp, quat_rotate, quat_rotate_back
 from ...tuning import Tunable
 from ..ekf import variance
 from ..mechanization import ned_to_body, quaternion
-from ..state import ATTITUDE, FREE, LAND, VELOCITY
+from ..state import ATTITUDE, AUTO, FREE, LAND, NAVIGATING, VELOCITY
+from .land_evidence import add_evidence, clear_evidence, judge_evidence, shows_land_vehicle
 
 if TYPE_CHECKING:
     from ....math.rotation import Vector
@@ -101,6 +102,7 @@ def clear_scatter(c: Core) -> None:
     """Forget in which direction the vehicle moved and which way was down."""
     h = c.nhc
     h.scatter_weight = 0.0
+    clear_evidence(c)
     for i in range(6):
         h.velocity_scatter[i] = 0.0
     for i in range(3):
@@ -132,7 +134,7 @@ def find_forward_axis(p: Parameters, c: Core) -> bool:
     else:
         turned = scatter_across_ground_line(c) - across > t.axis_ground
         found = n >= t.axis_windows and across < (t.axis_across + t.axis_across_growth * n) * n and turned
-        found = found and is_upright(p, c)
+        found = found and is_upright(p, c) and shows_land_vehicle(p, c)
     return bool(found)
 
 
@@ -152,7 +154,7 @@ def accumulate_scatter(p: Parameters, c: Core, v: Vector, level2: float, heading
     by these, by sideslip, suspension and lever arm.
     """
     h = c.nhc
-    if p.vehicle == FREE or h.enabled:
+    if p.vehicle == FREE or (h.enabled and p.vehicle == LAND):
         return False
     q = quaternion(c)
     u = quat_rotate_back(q, v)
@@ -164,9 +166,15 @@ def accumulate_scatter(p: Parameters, c: Core, v: Vector, level2: float, heading
         + p.tuning.typical_lever_arm**2 * rate2
         + (p.tuning.suspension_pitch**2 + heading2) * speed2
     )
+    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    fast = speed2 > p.tuning.direction_sigmas**2 * (level2 + p.tuning.nhc_sigma**2)
+    if fast and p.vehicle == AUTO and c.alignment.mode == NAVIGATING and h.scatter_weight > 0.0:
+        add_evidence(p, c, v, level2 + heading2 * speed2, down)
+        judge_evidence(p, c)
     if speed2 < p.tuning.direction_sigmas**2 * s2:
         return False
-    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    if h.enabled:
+        return False
     for i in range(3):
         h.down_sum[i] = p.tuning.scatter_decay * h.down_sum[i] + down[i]
     k = 0

@@ -25,6 +25,7 @@ from ..mechanization import quaternion
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
+    AUTO,
     GYRO_BIAS,
     GYRO_SCALE,
     LAND,
@@ -36,6 +37,7 @@ from ..state import (
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
 from .forward_axis import clear_scatter
+from .land_evidence import add_heave, refutes_land_vehicle
 from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
@@ -99,10 +101,27 @@ TUNABLES = (
 
 @kernel
 def is_due(p: Parameters, c: Core, dt: float) -> bool:
-    """Whether the constraint is enabled and due, after another `dt` s."""
+    """Whether the constraint, or the search for heave, is due, after another `dt` s."""
     h = c.nhc
     h.since_update += dt
-    return bool(h.enabled and h.since_update >= p.tuning.nhc_interval_s)
+    return bool((h.enabled or p.vehicle == AUTO) and h.since_update >= p.tuning.nhc_interval_s)
+
+
+@kernel
+def observe_heave(p: Parameters, c: Core) -> None:
+    """While the constraint is disabled: the vertical velocity in the body, across the principal axis."""
+    h = c.nhc
+    dt, h.since_update = h.since_update, 0.0
+    if h.scatter_weight <= 0.0 or variance(c, VELOCITY + 2) > p.tuning.max_heave_velocity_sigma**2:
+        return
+    axis = (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2])
+    q = quaternion(c)
+    down = quat_rotate_back(q, (0.0, 0.0, 1.0))
+    vb = quat_rotate_back(q, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
+    length2, level = dot(axis, axis), dot(down, axis)
+    along = dot(axis, vb) / math.sqrt(length2)
+    vertical = (dot(down, vb) - level * dot(axis, vb) / length2) / math.sqrt(max(1.0 - level * level / length2, 0.1))
+    add_heave(p, c, vertical, abs(along), dt)
 
 
 @kernel
@@ -186,7 +205,9 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     vb = quat_rotate_back(q, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     forward, lateral, vertical = forward_axis(c), lateral_axis(c), vertical_axis(c)
     along = dot(forward, vb)
-    h.since_update = 0.0
+    dt, h.since_update = h.since_update, 0.0
+    if p.vehicle == AUTO:
+        add_heave(p, c, dot(vertical, vb), abs(along), dt)
     if abs(along) < p.tuning.nhc_min_speed:
         return
     turn_rate = dot(vertical, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
@@ -204,7 +225,7 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     )
     add_innovation(c, 1, value, s)
     correct_state(p, c)
-    if p.vehicle != LAND and leans(p, c, q):
+    if p.vehicle != LAND and (leans(p, c, q) or refutes_land_vehicle(p, c)):
         disable_nhc(p, c, along)
         return
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (

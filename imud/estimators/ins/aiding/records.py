@@ -39,6 +39,21 @@ NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
     align=True,
 )
 
+LAND_EVIDENCE = np.dtype(  # that the vehicle rolls on the ground
+    [
+        ("level_axis", "<f8", (3,)),  # level body axis, body
+        ("products", "<f8", (15,)),  # sums of products of velocities, turn rate and azimuth, weighted; packed
+        ("weight", "<f8"),  # sum of their weights, s^2/m^2
+        ("count", "<f8"),  # independent velocities in these
+        ("turn_force", "<f8", (6,)),  # count; sums of turn and lateral force, m/s^2; of their products
+        ("leaky_height", "<f8"),  # m, integral of the vertical velocity in the body that decays
+        ("mean_height", "<f8"),  # m, its mean
+        ("log_likelihood", "<f8"),  # ratio, of a land vehicle against a body in a current; 0: not known
+        ("heave_variance", "<f8"),  # mean square of its deviation, over the largest of a land vehicle
+    ],
+    align=True,
+)
+
 BAROMETER = np.dtype(  # at the last reading
     [
         ("last_ns", "<i8"),  # its epoch

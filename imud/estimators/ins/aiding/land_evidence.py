@@ -45,14 +45,14 @@ TUNABLES = (
         1.0,
         "windows",
         "Windows of velocities that share their error.",
-        "Fixes of 1 Hz, and the filter's own memory.",
+        "More find slow robots too late.",
     ),
     Tunable(
         "land_log_likelihood",
         0.9,
         "",
         "Log likelihood ratio that shows a land vehicle.",
-        "Odds of 2 to 1.",
+        "Odds of 2.5 to 1; a recorded slow robot, simulated boats.",
     ),
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
     Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
@@ -145,9 +145,7 @@ def add_turn(c: Core, u: Vector, rate: float, decay: float) -> None:
     h, f, ba = c.nhc, c.stationarity.mean_f, c.nav.ba
     axis = (h.principal_axis[0], h.principal_axis[1], h.principal_axis[2])
     across = cross((h.down_sum[0], h.down_sum[1], h.down_sum[2]), axis)  # leans with the body
-    axis2, across2 = dot(axis, axis), dot(across, across)
-    if not axis2 * across2 > 0.0:
-        return
+    axis2, across2 = max(dot(axis, axis), 1e-12), max(dot(across, across), 1e-12)
     turn = rate * dot(axis, u) / math.sqrt(axis2)
     force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(across2)
     sums, rows = c.land_evidence.turn_force, (1.0, turn, force, turn * turn, turn * force, force * force)
@@ -168,8 +166,6 @@ def log_evidence(I00: float, I01: float, I11: float, z0: float, z1: float, varia
 def judge_evidence(p: Parameters, c: Core) -> None:
     """Once per window: the log likelihood ratio of a land vehicle against a body in a current."""
     e, t = c.land_evidence, p.tuning
-    if not e.weight > 0.0:
-        return
     down, axis, level = c.nhc.down_sum, c.nhc.principal_axis, e.level_axis
     x = axis[0] * level[0] + axis[1] * level[1] + axis[2] * level[2]
     right = cross((down[0], down[1], down[2]), (level[0], level[1], level[2]))
@@ -224,9 +220,7 @@ def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
     s = c.land_evidence.turn_force
     n = max(s[0], 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
-    square, product, energy = s[3] - s[1] * s[1] / n, s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
-    if not square > 0.0:
-        return False
+    square, product, energy = max(s[3] - s[1] * s[1] / n, 1e-12), s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
     residual = max((energy - product * product / square) / n, p.tuning.coordination_sigma**2)
     return bool(0.5 * square - product > sigmas * math.sqrt(p.tuning.evidence_correlation * residual * square))
 

@@ -45,14 +45,14 @@ PROFILES = {
         accel_range=3.0 * STANDARD_GRAVITY,
     ),
     # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
-    # (one real unit in our recordings had 4.5 deg/s); scale factor to misalignment as 3 to 2, like their limits
-    # in the data sheet of the MPU-6000
+    # (one real unit in our recordings had 4.5 deg/s); misalignment in proportion to the M-G350's. The limits in the
+    # MPU-6000's data sheet would be twice that; with it steps of the gyro's bias are found too late
     "consumer-mems": Profile(
         gyro_noise=0.01 * _DEG,
         gyro_bias_instability=20.0 * _DEG / _HOUR,
         gyro_bias_initial=2.0 * _DEG,
         gyro_scale=0.01,
-        gyro_misalignment=0.0067,
+        gyro_misalignment=0.0035,
         gyro_range=2000.0 * _DEG,
         accel_noise=2e-3,
         accel_bias_instability=0.5 * _MG,

@@ -59,7 +59,7 @@ def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
 def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
     found, without_it = cell(seed, name, fault, where), cell(seed, where=where)
     assert found.sure_s <= without_it.sure_s, found.worst
-    assert harm(found, without_it)[0] < 2.5
+    assert harm(found, without_it)[0] < 3.0
 
 
 @pytest.mark.parametrize("where", [*LAND, "drone"])

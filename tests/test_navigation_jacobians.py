@@ -79,7 +79,7 @@ class Recorder:
         self._keep(c, m, z)
         return z, r, 1.0
 
-    def correlated_update(self, c, m, z, r, shared, gate):
+    def correlated_update(self, c, m, z, r, shared, gate, axis):
         return self.gated_update(c, m, z, r, gate)
 
     def fix_update(self, p, c, m, z, r, gate, axis):

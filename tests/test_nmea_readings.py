@@ -1,5 +1,6 @@
 """Speeds and pressures in NMEA: read as pynmeagps reads them, on a port of their own, recorded, from a log."""
 
+import itertools
 import json
 import os
 import subprocess
@@ -158,13 +159,15 @@ def test_a_log_places_readings_between_the_fixes(tmp_path):
 
 @contextmanager
 def speaking(*sentences, every_s=0.2):
-    """A pseudo-terminal on which a sensor says all of them again and again."""
+    """A pseudo-terminal on which a sensor says all of them again and again, each time with another digit for #."""
     with silent_tty() as (master, path):
         ended = threading.Event()
 
         def speak():
-            while not ended.wait(every_s):
-                os.write(master, b"".join(map(line, sentences)))
+            for digit in itertools.cycle("0123456789"):
+                if ended.wait(every_s):
+                    return
+                os.write(master, b"".join(line(sentence.replace("#", digit)) for sentence in sentences))
 
         thread = threading.Thread(target=speak)
         thread.start()
@@ -177,7 +180,7 @@ def speaking(*sentences, every_s=0.2):
 
 def test_a_sensor_on_a_port_of_its_own_aids_is_recorded_and_replays_to_the_same_bits(tmp_path):
     imu, gnss = tmp_path / "imu", tmp_path / "gnss"
-    sentences = ("HEHDT,123.0,T", "VDVBW,0.0,0.0,V,0.0,0.0,A", "IIXDR,P,1.01325,B,Barometer")
+    sentences = ("HEHDT,123.0,T", "VDVBW,0.0,0.0,V,0.0,0.0,A", "IIXDR,P,1.01325#,B,Barometer")
     with (
         emulator("g350", "nmea", "--scenario", "rest", "--yaw-deg", "123", links=[imu, gnss]),
         speaking(*sentences) as sensor,

@@ -40,6 +40,7 @@ from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
+from .velocity_hypotheses import follow_correction, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution
@@ -115,11 +116,16 @@ def update_covariance(p: Parameters, s: State) -> None:
     propagate_covariance(p, s)
     if is_coarse(s):
         coarse_level(p, s)
+        start_hypotheses(p, s)
     elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
         require_initialisation(s)
-    elif s.levelling.initialised == 1 and not correct_attitude_step(p, s):
+    elif s.levelling.initialised == 1 and correct_attitude_step(p, s):
+        start_hypotheses(p, s)
+    elif s.levelling.initialised == 1:
+        update_hypotheses(p, s)
         fuse_pseudo_measurements(p, s)
         rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
+        follow_correction(s)
         inject_error(s)
     reset_integrals(s)
     update_sigmas(s)

@@ -106,6 +106,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)
+        start_hypotheses(p, s)
     if s.integrals.time >= c.covariance_interval_s:
         update_covariance(p, s)
 

@@ -13,6 +13,7 @@ from .clipping import compensate_clipping
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
+from .history import record_possible_tilt
 from .integrals import reset_integrals
 from .last_sample import set_outage, store_sample, update_mean_square_rate
 from .levelling import (
@@ -124,6 +125,7 @@ def update_covariance(p: Parameters, s: State) -> None:
         start_hypotheses(p, s)
     elif s.levelling.initialised == 1:
         update_hypotheses(p, s)
+        record_possible_tilt(s)
         fuse_pseudo_measurements(p, s)
         rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
         follow_correction(s)

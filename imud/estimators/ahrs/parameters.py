@@ -133,6 +133,7 @@ _MOTION = (
     Tunable("hypothesis_tilt_rad", 0.4, "rad", "Sigma of tilt where the body may move at any speed.", SIMULATED),
     Tunable("hypothesis_noise_per_rate", 0.005, "sqrt(s)", "Gyro scale errors as noise, in proportion.", SIMULATED),
     Tunable("hypothesis_evidence", 0.5, "", "Exponent of their likelihoods: they are not exact.", SIMULATED, high=1.0),
+    Tunable("hypothesis_hand_odds", 2.0, "", "Log odds of a hand's over another before any evidence.", SIMULATED),
     Tunable("hypothesis_max_odds", 12.0, "", "Most log odds against a hypothesis.", SIMULATED),
     Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
     Tunable("road_slope", 0.03, "", "Sigma of the slope of roads.", UNRECORDED),

@@ -238,6 +238,7 @@ HISTORY = np.dtype(  # what became of the errors in one covariance interval, for
         ("intervals", "<i8"),  # that have ended
         ("coarse", "<i8"),  # 1: roll and pitch were levelled, as at any time since coarse levelling began
         ("restart_ns", "<i8"),  # when roll and pitch were initialised anew; 0: they were not
+        ("possible_tilt_var", "<f8"),  # rad^2, by which the tilt may be wrong before the first rest
         ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been levelled was wrong; 0: it was not
         ("q_before", "<f8", (4,)),  # the attitude before the interval's corrections
         ("time", "<f8"),  # the integrals that make the transition

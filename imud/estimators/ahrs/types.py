@@ -43,6 +43,7 @@ class Tuning:
     hypothesis_tilt_rad: float
     hypothesis_noise_per_rate: float
     hypothesis_evidence: float
+    hypothesis_hand_odds: float
     hypothesis_max_odds: float
     vibration_time_s: float
     road_slope: float
@@ -280,6 +281,7 @@ class History:
     intervals: int
     coarse: int
     restart_ns: int
+    possible_tilt_var: float
     wrong_tilt_s: float
     q_before: Reals
     time: float

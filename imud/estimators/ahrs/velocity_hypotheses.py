@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from .error_model import variance
 from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def start_hypotheses(p: Parameters, s: State) -> None:
     b.v[:] = 0.0
     b.possible_tilt_error = 0.0
     for h in range(HYPOTHESES):
-        b.log_likelihood[h] = 0.0
+        b.log_likelihood[h] = p.tuning.hypothesis_hand_odds if h < HANDS else 0.0
         speed2 = SPEED[h] ** 2
         for i in range(2):
             b.P[h, i, i] = tilt2
@@ -110,6 +111,7 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         b.log_likelihood[h] += p.tuning.hypothesis_evidence * compare_velocity(s, h)
         best = max(best, b.log_likelihood[h])
     total = fast = 0.0
+    stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
     mean0 = mean1 = 0.0
     for h in range(HYPOTHESES):
         b.log_likelihood[h] = max(b.log_likelihood[h] - best, -p.tuning.hypothesis_max_odds)
@@ -118,8 +120,8 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         mean0 += weight * b.x[h, 5]
         mean1 += weight * b.x[h, 6]
         if h >= HANDS:
-            fast += weight * (b.x[h, 0] ** 2 + b.P[h, 0, 0] + b.x[h, 1] ** 2 + b.P[h, 1, 1])
-    b.possible_tilt_error = math.sqrt(0.5 * fast / total)
+            fast += weight * (b.x[h, 0] ** 2 + b.P[h, 0, 0] + b.x[h, 1] ** 2 + b.P[h, 1, 1] - stated)
+    b.possible_tilt_error = math.sqrt(max(0.5 * fast / total, 0.0))
     b.v[0] += mean0 / total
     b.v[1] += mean1 / total
     for h in range(HYPOTHESES):

@@ -44,6 +44,7 @@ class Tuning:
     hypothesis_noise_per_rate: float
     hypothesis_evidence: float
     hypothesis_hand_odds: float
+    hypothesis_hand_gate: float
     hypothesis_max_odds: float
     vibration_time_s: float
     road_slope: float

@@ -7,8 +7,9 @@ and the true velocity (2), a first-order Gauss-Markov process of the hypothesis'
 of a vehicle is carried: it turns with the body's heading. Once a second the true velocity is what was integrated plus
 its error; the innovations' likelihood weighs the hypotheses (multiple-model estimation, Magill 1965).
 
-All are linearised about the filter's own attitude and bias. What the hypotheses of faster bodies than hands say of its
-tilt error, with their probability, is stated in the sigmas of roll and pitch.
+All are linearised about the filter's own attitude and bias. What the hypotheses say of its tilt error, with their
+probability, is stated in the sigmas of roll and pitch: those of faster bodies all that is more than the filter states,
+those of hands only a contradiction, since the filter itself is made for hands.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         propagate_hypothesis(p, s, h)
         b.log_likelihood[h] += p.tuning.hypothesis_evidence * compare_velocity(s, h)
         best = max(best, b.log_likelihood[h])
-    total = fast = 0.0
+    total = unstated = 0.0
     stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
     mean0 = mean1 = 0.0
     for h in range(HYPOTHESES):
@@ -119,9 +120,12 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         total += weight
         mean0 += weight * b.x[h, 5]
         mean1 += weight * b.x[h, 6]
+        tilt2 = b.x[h, 0] ** 2 + b.x[h, 1] ** 2
         if h >= HANDS:
-            fast += weight * (b.x[h, 0] ** 2 + b.P[h, 0, 0] + b.x[h, 1] ** 2 + b.P[h, 1, 1] - stated)
-    b.possible_tilt_error = math.sqrt(max(0.5 * fast / total, 0.0))
+            unstated += weight * (tilt2 + b.P[h, 0, 0] + b.P[h, 1, 1] - stated)
+        else:
+            unstated += weight * max(tilt2 - p.tuning.hypothesis_hand_gate * stated, 0.0)
+    b.possible_tilt_error = math.sqrt(max(0.5 * unstated / total, 0.0))
     b.v[0] += mean0 / total
     b.v[1] += mean1 / total
     for h in range(HYPOTHESES):

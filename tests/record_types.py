@@ -77,6 +77,7 @@ AHRS = {
     "Divergence": ahrs.DIVERGENCE,
     "AttitudeStep": ahrs.ATTITUDE_STEP,
     "Clipping": ahrs.CLIPPING,
+    "VelocityHypotheses": ahrs.VELOCITY_HYPOTHESES,
     "Quantization": ahrs.QUANTIZATION,
     "History": ahrs.HISTORY,
     "Scratch": ahrs.SCRATCH,

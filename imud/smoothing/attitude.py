@@ -83,6 +83,7 @@ def _limit_tilt_confidence(intervals: Records, errors: Records) -> None:
     times_s = 1e-9 * intervals["t_ns"]
     first, last = (np.searchsorted(times_s, times_s + shift) for shift in (-_AROUND_S, _AROUND_S))
     diagonal = intervals["P"][:, [0, STATES]]  # packed upper triangle; the attitude comes first
+    diagonal = diagonal + intervals["history"]["possible_tilt_var"][:, None]
     least = np.array([diagonal[begin:end].min(axis=0) for begin, end in zip(first, last, strict=True)])
     for i in range(2):
         errors["var"][:, i, i] = np.maximum(errors["var"][:, i, i], 0.5 * least[:, i])

@@ -13,6 +13,7 @@ from .clipping import compensate_clipping
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
+from .history import record_possible_tilt
 from .integrals import reset_integrals
 from .last_sample import set_outage, store_sample, update_mean_square_rate
 from .levelling import (
@@ -40,6 +41,7 @@ from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
+from .velocity_hypotheses import follow_correction, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution
@@ -105,6 +107,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)
+        start_hypotheses(p, s)
     if s.integrals.time >= c.covariance_interval_s:
         update_covariance(p, s)
 
@@ -115,11 +118,17 @@ def update_covariance(p: Parameters, s: State) -> None:
     propagate_covariance(p, s)
     if is_coarse(s):
         coarse_level(p, s)
+        start_hypotheses(p, s)
     elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
         require_initialisation(s)
-    elif s.levelling.initialised == 1 and not correct_attitude_step(p, s):
+    elif s.levelling.initialised == 1 and correct_attitude_step(p, s):
+        start_hypotheses(p, s)
+    elif s.levelling.initialised == 1:
+        update_hypotheses(p, s)
+        record_possible_tilt(s)
         fuse_pseudo_measurements(p, s)
         rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
+        follow_correction(s)
         inject_error(s)
     reset_integrals(s)
     update_sigmas(s)

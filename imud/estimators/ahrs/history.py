@@ -85,3 +85,10 @@ def record_wrong_tilt(s: State, seconds: float) -> None:
     """The tilt has been levelled after it was wrong for so long."""
     if s.history.enabled == 1:
         s.history.wrong_tilt_s = seconds
+
+
+@kernel
+def record_possible_tilt(s: State) -> None:
+    """What the hypotheses of how the body moves say of the tilt error."""
+    if s.history.enabled == 1:
+        s.history.possible_tilt_var = s.hypotheses.possible_tilt_error**2

@@ -25,6 +25,7 @@ ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY
 STATES = 28
 JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
 FUSED = 9  # most scalar measurements of an interval
+HYPOTHESES = 10  # of how the body moves, before the first rest
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
 BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 
@@ -179,6 +180,25 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
     align=True,
 )
 
+VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
+    [
+        ("x", "<f8", (HYPOTHESES, 9)),
+        ("P", "<f8", (HYPOTHESES, 9, 9)),
+        ("log_likelihood", "<f8", (HYPOTHESES,)),  # less that of the likeliest
+        ("v", "<f8", (2,)),  # m/s, north and east, integrated without corrections
+        ("time", "<f8"),  # s, of the transition so far
+        ("tilt_by_bias", "<f8", (2, 3)),  # elements of the transition
+        ("velocity_by_bias", "<f8", (2, 3)),
+        ("force", "<f8"),  # m/s, integral of the vertical force
+        ("turn", "<f8"),  # rad, about the vertical
+        ("shift", "<f8", (7,)),  # what the filter's own corrections have added to the states
+        ("attitude_noise", "<f8"),  # rad^2
+        ("ph", "<f8", (9,)),
+        ("possible_tilt_error", "<f8"),  # rad, of roll and of pitch
+    ],
+    align=True,
+)
+
 CLIPPING = np.dtype(  # of the gyro, by axes
     [
         ("time", "<f8", (3,)),  # s, at the end of the range
@@ -218,6 +238,7 @@ HISTORY = np.dtype(  # what became of the errors in one covariance interval, for
         ("intervals", "<i8"),  # that have ended
         ("coarse", "<i8"),  # 1: roll and pitch were levelled, as at any time since coarse levelling began
         ("restart_ns", "<i8"),  # when roll and pitch were initialised anew; 0: they were not
+        ("possible_tilt_var", "<f8"),  # rad^2, by which the tilt may be wrong before the first rest
         ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been levelled was wrong; 0: it was not
         ("q_before", "<f8", (4,)),  # the attitude before the interval's corrections
         ("time", "<f8"),  # the integrals that make the transition
@@ -262,6 +283,7 @@ STATE = np.dtype(
         ("stationarity", STATIONARITY),
         ("divergence", DIVERGENCE),
         ("attitude_step", ATTITUDE_STEP),
+        ("hypotheses", VELOCITY_HYPOTHESES),
         ("clipping", CLIPPING),
         ("quantization", QUANTIZATION),
         ("history", HISTORY),

@@ -1,6 +1,6 @@
 """The records of the attitude filter as types for mypy, written by tests/record_types.py."""
 
-from ...math.arrays import Floats, Indices, Integers, Reals
+from ...math.arrays import Floats, Indices, Integers, Reals, Tensor
 
 
 class Tuning:
@@ -40,6 +40,12 @@ class Tuning:
     travel_evidence_at_start: float
     hidden_speed_mps: float
     steady_turn_time_s: float
+    hypothesis_tilt_rad: float
+    hypothesis_noise_per_rate: float
+    hypothesis_evidence: float
+    hypothesis_hand_odds: float
+    hypothesis_hand_gate: float
+    hypothesis_max_odds: float
     vibration_time_s: float
     road_slope: float
     reset_velocity_var: float
@@ -237,6 +243,22 @@ class Clipping:
     missing_angle: float
 
 
+class VelocityHypotheses:
+    x: Tensor
+    P: Tensor
+    log_likelihood: Reals
+    v: Reals
+    time: float
+    tilt_by_bias: Tensor
+    velocity_by_bias: Tensor
+    force: float
+    turn: float
+    shift: Reals
+    attitude_noise: float
+    ph: Floats
+    possible_tilt_error: float
+
+
 class Quantization:
     last_reading: Reals
     lsb: Reals
@@ -260,6 +282,7 @@ class History:
     intervals: int
     coarse: int
     restart_ns: int
+    possible_tilt_var: float
     wrong_tilt_s: float
     q_before: Reals
     time: float
@@ -298,6 +321,7 @@ class State:
     stationarity: Stationarity
     divergence: Divergence
     attitude_step: AttitudeStep
+    hypotheses: VelocityHypotheses
     clipping: Clipping
     quantization: Quantization
     history: History

@@ -180,7 +180,7 @@ def test_a_tilt_that_a_steady_turn_hides_is_stated():
 
 
 def test_flights_that_begin_before_the_first_sample_are_seldom_wrong_and_sure():
-    """Without the hypotheses of faster bodies than hands: NEES 2.7, and 3.8 % of the time wrong and sure."""
+    """Without the hypotheses of faster bodies than hands: NEES 2.6, and 3.5 % of the time wrong and sure."""
     runs = np.array([monte_carlo.run((monte_carlo.flight, "auto", number, False, ())) for number in range(0, 12, 2)])
     _, nees, _, wrong_percent = runs.mean(axis=0)
     assert 0.2 < nees < 1.6

@@ -47,6 +47,7 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "record_age": "as above",
     "record_restart": "as above",
     "record_wrong_tilt": "as above",
+    "record_possible_tilt": "as above",
     "monitor_heading: realign(p, c)": "seen in no simulation: it is surer than its velocity pairs",
 }
 

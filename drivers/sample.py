@@ -3,7 +3,7 @@
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
 to the host's time; `outage_s` and the flags of invalid and saturated axes are written by
-`imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline.
+`imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline, MOUNTING_UNKNOWN by the calibration.
 """
 
 import numpy as np
@@ -33,4 +33,5 @@ POWER_ON = 128  # the sensor may have been switched on since the sample before: 
 LIMITED_AXES = 512  # the x axis of the gyro is saturated; y and z: shifted left by 1 and 2
 NO_RATE_AXES = 4096  # with NO_RATE: the x axis is invalid; y and z: shifted left by 1 and 2; none: all
 RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
+MOUNTING_UNKNOWN = 32768  # the sensor's axes against the body's are not known
 UNUSABLE = SUSPECT | NO_RATE | NO_FORCE  # a part of the sample is invalid

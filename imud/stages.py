@@ -5,20 +5,21 @@ stream's record. So drivers plus estimators are compiled, not drivers times esti
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from imud.drivers.driver import ImuDriver
-from imud.drivers.sample import SAMPLE
+from imud.drivers.sample import MOUNTING_UNKNOWN, SAMPLE
 
 from .clocks.counter import CLOCK, stamp
 from .compile.entry import address_of, entry, set_unique_name
 from .compile.jit import inlined, kernel
 from .compile.system import call, records
 from .estimators import Estimator
-from .estimators.records import SOLUTION
+from .estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from .math.arrays import Integers, Records
 from .sensor_errors.calibration import CORRECTION, correct
 from .sensor_monitor.health import HEALTH, check_sample
@@ -105,6 +106,15 @@ def _has_none(state: Any, innovations: Any) -> int:
     return 0
 
 
+@kernel
+def withdraw_attitude(sample: Any, solution: Any) -> None:
+    """The attitude of a sensor is the body's only where its mounting is known."""
+    if sample.flags & MOUNTING_UNKNOWN != 0:
+        solution.status &= ~(ATTITUDE_VALID | HEADING_VALID)
+        for i in range(3):
+            solution.sigma_rpy[i] = math.pi
+
+
 @functools.cache
 def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
     """A driver's half of `ingest`. decoder: of its state."""
@@ -132,6 +142,7 @@ def _stepper(step: Kernel) -> Kernel:
             check_sample(health[0], samples[k])
             correct(samples[k], errors[0])
             step(p[0], s[0], samples[k], out[k])
+            withdraw_attitude(samples[k], out[k])
 
     set_unique_name(step_batch, step)
     return inlined(step_batch)
@@ -195,6 +206,7 @@ def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kerne
                 check_sample(health[0], samples[k])
                 correct(samples[k], errors[0])
                 step(p[0], s[0], samples[k], out[k])
+                withdraw_attitude(samples[k], out[k])
         return n
 
     set_unique_name(feed, step, update, aid, pending)

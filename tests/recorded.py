@@ -1,9 +1,13 @@
 """What recordings hold, for tests of other things than their format."""
 
+import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
+from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
 from imud.drivers.capture_messages import Raw, Reads
+from imud.recording.player import Player
+from imud.recording.source import adapter
 
 
 def reads_of(path, port=None):
@@ -15,6 +19,15 @@ def reads_of(path, port=None):
 def message(t_ns, data, port=0):
     """One read, as a message on the topic READS."""
     return Reads.of([(port, Raw(t_ns, data))]).encode()
+
+
+def replayed(recording):
+    """The estimates of a recording without fixes."""
+    steps, adapt = [], adapter(None, (), None)
+    player = Player(recording.settings(adapt), adapt, Initial(), lambda _, rows: steps.append(rows.copy()))
+    for entry in recording:
+        player.take(entry)
+    return np.concatenate(steps)
 
 
 def stored(path, table):

@@ -4,8 +4,15 @@ import contextlib
 
 import pytest
 from processes import daemon, emulator
+from recorded import replayed, stored
+
+from imud.recording.messages import ESTIMATE_TABLE
+from imud.recording.source import Recording
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--patient")
+
+
+CAR = ("--scenario", "car", "--patient")
 
 
 def level(message):
@@ -64,3 +71,25 @@ def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once
         used.close()
         imud.says(f"streaming port={second}")
         imud.says(f"inertial sensor on {second}: disagreed with {first} until that went away: see imu.mounts")
+        imud.says("roll and pitch are lost")
+        est = imud.until(lambda message: message["class"] == "EST" and "aligning" in message["state"])
+        est = imud.until(lambda message: message["class"] == "EST" and message["seq"] > est["seq"] + 5000)
+        assert "aligning" in est["state"] and est["sroll_deg"] == pytest.approx(180.0), "nobody knows how it sits"
+
+
+def test_a_spare_that_sits_otherwise_than_the_settings_say_is_turned_once_motion_has_shown_it(tmp_path):
+    """And what is recorded replays to the same bits."""
+    first, second, recording = tmp_path / "first", tmp_path / "second", tmp_path / "drive.mcap"
+    wrong = f'imu.mounts={{"{second}"=[35,0,90]}}'
+    ports = ("--port", str(first), "--port", str(second))
+    record = ("--record", str(recording), "--set", "record.estimate_rate_hz=0")
+    both = emulator("g350", "rga300", *CAR, "--faults", "g350:unplug@20-900", links=[first, second])
+    with both, daemon(tmp_path, *ports, "--set", wrong, *record) as imud:
+        imud.says(f"inertial sensor on {second} sits otherwise than the settings say")
+        imud.says(f"streaming port={second}")
+        seq = imud.until(level)["seq"]
+        est = imud.until(lambda message: level(message) and message["seq"] > seq + 300)
+        assert abs(est["roll_deg"]) < 8.0 and abs(est["pitch_deg"]) < 8.0, "the emulated road is flat"
+        imud.process.terminate()
+        assert imud.process.wait(30.0) == 0
+    assert replayed(Recording([recording])).tobytes() == stored(recording, ESTIMATE_TABLE).tobytes()

@@ -6,27 +6,15 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
-from recorded import stored
+from recorded import replayed, stored
 
-from imud.configuration.settings import Initial
 from imud.recording.messages import ESTIMATE_TABLE
-from imud.recording.player import Player
-from imud.recording.source import Recording, adapter
+from imud.recording.source import Recording
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
 DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
-
-
-def replayed(recording):
-    """The estimates of a recording without fixes."""
-    steps, adapt = [], adapter(None, (), None)
-    player = Player(recording.settings(adapt), adapt, Initial(), lambda _, rows: steps.append(rows.copy()))
-    for entry in recording:
-        player.take(entry)
-    return np.concatenate(steps)
 
 
 def descriptors(pid):

@@ -161,17 +161,17 @@ def _accelerometer(samples: Any, rate_hz: float, args: argparse.Namespace) -> di
 
 
 def _mounting(samples: Any, rate_hz: float, args: argparse.Namespace) -> dict[str, Any]:
-    from ..sensor_errors.calibration import Mounting
+    from ..sensor_errors.calibration import mounting_of
     from ..sensor_errors.mounting import mounting
 
     matrix, sigma = mounting(samples, rate_hz)
-    roll, pitch = math.atan2(matrix[2, 1], matrix[2, 2]), -math.asin(max(-1.0, min(1.0, matrix[2, 0])))
-    rpy = np.degrees([roll, pitch, math.atan2(matrix[1, 0], matrix[0, 0])])
+    found = mounting_of(matrix, _triple(sigma), _today())
     cells = (
-        f"{n} {v:+.2f} ± {s:.2f}" for n, v, s in zip(("roll", "pitch", "yaw"), rpy, np.degrees(sigma), strict=True)
+        f"{n} {v:+.2f} ± {s:.2f}"
+        for n, v, s in zip(("roll", "pitch", "yaw"), found.rpy_deg, found.sigma_deg, strict=True)
     )
     print(f"mounting: {', '.join(cells)} deg")
-    return {"mounting": Mounting(_today(), _triple(rpy), _triple(np.degrees(sigma)))}
+    return {"mounting": found}
 
 
 def _magnetometer(readings: Any, args: argparse.Namespace) -> dict[str, Any]:

@@ -71,7 +71,7 @@ class Devices:
         self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
         self._store = StateStore()
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
-        self.spares = Spares()  # inertial sensors
+        self.spares = Spares(self._log.warning)  # inertial sensors
         self._routes = ByteRoutes(self.ports, self.in_use, self.spares, recordings, self._descriptors)
 
     def check(self) -> None:
@@ -250,7 +250,7 @@ class Devices:
     def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
         """Use this inertial sensor from now on; returns False if the estimator needs more than it measures."""
         now_ns = time.monotonic_ns()
-        known = calibration_of(configured.identity)
+        known = self.spares.calibration(port, calibration_of(configured.identity))
         stored = self._load(configured, port.spec.path, known)
         try:
             inertial = self.selection.connect(

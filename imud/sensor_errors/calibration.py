@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.driver import Identity
+from imud.drivers.sample import MOUNTING_UNKNOWN
 
 from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError
@@ -26,6 +27,7 @@ from .magnetometer import REMAINING_T
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 NOTHING: Triple = (0.0, 0.0, 0.0)
+MAX_MOUNTING_SIGMA_DEG = 10.0  # of one that counts as known
 _COMMON = Path("/var/lib/imud")
 _MOST = {  # beyond any sensor, of what samples are corrected by
     "bias_radps": 10.0,
@@ -79,6 +81,18 @@ class Mounting(_Part, frozen=True, forbid_unknown_fields=True):
     sigma_deg: Triple
 
 
+UNKNOWN_MOUNTING = Mounting("", NOTHING, (180.0, 180.0, 180.0))
+
+
+def mounting_of(turn: NDArray[np.float64], sigma_rad: Triple, date: str = "") -> Mounting:
+    """The mounting whose matrix, from the sensor's to the other axes, is `turn` [3, 3]."""
+    roll, pitch = math.atan2(turn[2, 1], turn[2, 2]), -math.asin(max(-1.0, min(1.0, turn[2, 0])))
+    rpy, sigma = (
+        np.degrees(angles).tolist() for angles in ((roll, pitch, math.atan2(turn[1, 0], turn[0, 0])), sigma_rad)
+    )
+    return Mounting(date, tuple(rpy), tuple(sigma))
+
+
 class Magnetometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """field = matrix (measured - bias), in the magnetometer's axes, where it is mounted."""
 
@@ -98,6 +112,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accelerometer: Accelerometer | None = None
     mounting: Mounting | None = None
     magnetometer: Magnetometer | None = None
+    relative_mounting: Mounting | None = None  # besides `mounting`, against a sensor in use before; never in a file
 
     @property
     def parts(self) -> dict[str, str]:
@@ -115,6 +130,7 @@ CORRECTION = np.dtype(
         ("temperature", "<f8"),  # degC, of gyro_bias
         ("accel_bias", "<f8", (3,)),  # m/s^2
         ("turn", "<f8", (9,)),  # of directions: the mounting alone
+        ("flags", "<i8"),  # of every sample: MOUNTING_UNKNOWN or 0
         ("field", "<f8", (9,)),  # row-major, from the magnetometer's to body axes
         ("field_bias", "<f8", (3,)),  # T, its axes
         ("field_sigma", "<f8"),  # T, of a component of the corrected field; NaN: not known
@@ -137,6 +153,9 @@ def correction(
         rpy = calibration.mounting.rpy_deg
     turn = _rotation(rpy)
     c = np.zeros(1, CORRECTION)
+    if (relative := calibration.relative_mounting) is not None:
+        turn = _rotation(relative.rpy_deg) @ turn
+        c["flags"] = MOUNTING_UNKNOWN if max(relative.sigma_deg) > MAX_MOUNTING_SIGMA_DEG else 0
     field, c["field_sigma"] = _rotation(magnetometer_mount_rpy_deg), math.nan
     if (magnetometer := calibration.magnetometer) is not None:
         field, c["field_bias"] = field @ np.array(magnetometer.matrix), 1e-6 * np.array(magnetometer.bias_ut)
@@ -155,6 +174,7 @@ def correction(
 @kernel
 def correct(sample: Any, c: Any) -> None:
     """Correct a sample by the calibrated errors, and rotate it from the sensor's into body axes."""
+    sample.flags |= c.flags
     rise = sample.temperature - c.temperature
     if not math.isfinite(rise):
         rise = 0.0

@@ -5,6 +5,9 @@ So the means over a second differ by biases, and in proportion to themselves by 
 not quite those of the settings. Both are learned, axis by axis, from the switch-on sigmas on: a Kalman filter whose
 state is a bias and three slopes. A difference that this does not explain for `LASTING` seconds is a disagreement.
 
+A rotation between the two is learned beside it (`RelativeRotation`): where one explains what disagrees, a sensor sits
+otherwise than its mounting in the settings says.
+
 Which sensor is wrong is decided on evidence only: its own monitor finds a fault; or gravity contradicts one of the two
 and agrees with the other, since at rest its magnitude is known, and without acceleration the measured gravity rotates
 at the body's rate; or a third sensor agrees with one of them.
@@ -21,6 +24,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, SATURATED, SUSPECT
 from ..math.arrays import Floats, Records
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
+from .relative_rotation import RelativeRotation, Rotation
 
 WINDOW_NS, WINDOW_S = 1_000_000_000, 1.0
 WHOLE = 0.8  # of a window that samples must span
@@ -108,7 +112,7 @@ class Pair:
 
     def __init__(self, sensors: dict[str, Sensor], groups: tuple[str, ...]) -> None:
         self.sensors, self.blamed = sensors, ""  # the sensor that evidence speaks against; empty: there is none
-        self._compared = -1  # number of the last window
+        self._compared, self.windows = -1, 0  # number of the last window; how many were compared
         self._lasted = dict.fromkeys(groups, 0)  # windows that disagreed, less those that agreed
         self._evidence = dict.fromkeys(groups, ("", 0))  # against which sensor, in how many windows in sequence
         profiles = [each.profile for each in sensors.values()]
@@ -122,6 +126,7 @@ class Pair:
         slope2 = both("gyro_scale", "accel_scale") + MOUNTING**2
         self._state = np.zeros((6, 4))
         self._cov = np.array([np.diag((bias2, s2, s2, s2)) for bias2, s2 in zip(self._bias2, slope2, strict=True)])
+        self._rotation = RelativeRotation(tuple(float(self._bias2[_AXES[group]].max()) for group in groups))
 
     def compare(self) -> None:
         """Compare the means over those windows that both sensors have completed."""
@@ -129,6 +134,7 @@ class Pair:
         for number in sorted(one.means.keys() & other.means.keys()):
             if number > self._compared:
                 self._compared = number
+                self.windows += 1
                 self._compare(number)
 
     def _compare(self, number: int) -> None:
@@ -137,6 +143,8 @@ class Pair:
         swept = min(a.swept, b.swept)
         variance = self._noise2 + UNSTEADY**2 * self._bias2 + 12.0 * (DELAY_S / WINDOW_S * spread) ** 2
         variance[3:] += (LEVER_ARM_M * swept) ** 2 if math.isfinite(swept) else 0.0
+        axes = [_AXES[group] for group in self._lasted]
+        self._rotation.add([(a.mean[axis], b.mean[axis], float(variance[axis].max())) for axis in axes])
         differs = np.zeros(6, bool)
         for i in range(6):
             row = np.concatenate([[1.0], a.mean[:3] if i < 3 else a.mean[3:]])
@@ -180,12 +188,18 @@ class Pair:
         """The groups that have disagreed for long enough."""
         return [group for group, windows in self._lasted.items() if windows >= LASTING]
 
+    def rotation(self) -> Rotation | None:
+        """From the second sensor's axes to the first one's, where that explains what disagrees and is known."""
+        found = self._rotation.solve() if self.differing else None
+        return found if found is not None and found.sigma < MOUNTING < 0.5 * found.angle else None
+
 
 class Verdict(NamedTuple):
-    """What is said of a sensor: in words, and whether it is known that it is the one that is wrong."""
+    """What is said of a sensor: in words, whether it is known that it is the one that is wrong, and of what."""
 
     text: str
     is_wrong: bool
+    groups: tuple[str, ...]
 
 
 class SensorComparison:
@@ -230,9 +244,23 @@ class SensorComparison:
             open_ = [p for p in self._of(name) if p.differing and (name in wrong or not wrong.intersection(p.sensors))]
             if open_:
                 others = ", ".join(sorted({other for pair in open_ for other in pair.sensors} - {name}))
-                groups = " and ".join(sorted({group for pair in open_ for group in pair.differing}))
+                groups = tuple(sorted({group for pair in open_ for group in pair.differing}))
                 end = "it is the one that is wrong" if name in wrong else "one of them is wrong; or see imu.mounts"
-                self.verdicts[name] = Verdict(f"{groups} disagree with those of {others}: {end}", name in wrong)
+                text = f"{' and '.join(groups)} disagree with those of {others}: {end}"
+                self.verdicts[name] = Verdict(text, name in wrong, groups)
+
+    def agree(self, name: str, other: str) -> bool:
+        """Whether these two have been compared for long enough and sense the same."""
+        pairs = [pair for pair in self._of(name) if other in pair.sensors]
+        return any(not pair.differing and pair.windows > 3 * LASTING for pair in pairs)
+
+    def rotation(self, name: str, other: str) -> Rotation | None:
+        """From the axes of `name` to those of `other`, where that explains why the two disagree and is known."""
+        for pair in self._of(name):
+            if other in pair.sensors and (found := pair.rotation()) is not None:
+                second = list(pair.sensors)[1] == name
+                return found if second else found._replace(matrix=found.matrix.T)
+        return None
 
     def _of(self, name: str) -> list[Pair]:
         return [pair for pair in self._pairs if name in pair.sensors]

@@ -56,9 +56,9 @@ class _Vectors:
     def information(self) -> Floats:
         """Of the rotation, in the first sensor's axes, less what noise alone would seem to tell."""
         values, vectors = np.linalg.eigh(self._deviations(self._a, self._a, self._aa))
-        told = vectors @ np.diag(np.maximum(values - self._count, 0.0)) @ vectors.T
-        told += np.outer(self._a, self._a) * self._of_mean
-        return np.asarray(np.eye(3) * np.trace(told) - told)
+        known = vectors @ np.diag(np.maximum(values - self._count, 0.0)) @ vectors.T
+        known += np.outer(self._a, self._a) * self._of_mean
+        return np.asarray(np.eye(3) * np.trace(known) - known)
 
     def residual(self, turn: Floats) -> float:
         """Squared deviations over their variances that `turn`, from the first to the second axes, leaves."""

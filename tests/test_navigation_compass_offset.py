@@ -1,14 +1,17 @@
-"""A compass that gives the heading: whether the motion confirms it, and the test (GLR) for one that is wrong."""
+"""A heading given by a compass or the user: whether motion confirms it, and the test (GLR) for one that is wrong."""
 
 import numpy as np
 import pytest
-from navigation_simulation import drive, received, sensed
+from navigation_runner import navigate, settings_of
+from navigation_simulation import drive, errors, received, sensed
 from replay_in_process import new_filter
+from scipy.spatial.transform import Rotation
 from test_navigation_aiding import headings
 from test_navigation_stamps import RATE
+from vehicle_simulation import vehicle
 
 from imud.batch import play
-from imud.configuration.settings import Navigation, Settings
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
@@ -80,3 +83,42 @@ def test_a_heading_that_its_own_compass_contradicts_before_any_motion_is_given_u
     assert run(4.0, wrong, begin_s=begin_s, **still)[1]["status"][-1] & HEADING_VALID
     core, out = run(7.0, wrong, begin_s=begin_s, **still)
     assert core["heading_aid"]["distrusted"] and not out["status"][-1] & HEADING_VALID
+
+
+def started_with(kind, seed, off_deg):
+    """(a simulated vehicle, the solutions of a filter that was given its yaw, wrong by off_deg)."""
+    d, rng = vehicle(kind, seed), np.random.default_rng(1000 + seed)
+    samples = sensed(d, rng, bg=rng.normal(0.0, 2e-3, 3), ba=rng.normal(0.0, 0.03, 3))
+    fixes = received(d, rng, every=0.2)
+    given = Initial(yaw_deg=float(np.degrees(d.attitude[0].as_euler("ZYX")[0])) + off_deg)
+    return d, navigate(samples, fixes, settings_of(profile="consumer-mems"), given)[0]
+
+
+@pytest.mark.parametrize("kind", ["city", "motorway", "robot", "walk", "drone"])
+def test_a_right_yaw_that_the_user_gives_is_kept(kind):
+    for seed in (1, 3):
+        d, out = started_with(kind, seed, 0.0)
+        e, sigma = yaw_error(d, out)
+        assert np.all(out["status"][2 * RATE :] & HEADING_VALID)
+        assert np.all(np.abs(e) < np.maximum(4.0 * sigma, np.radians(5.0)))
+
+
+@pytest.mark.parametrize("off_deg", [60.0, 180.0])
+@pytest.mark.parametrize("kind", ["city", "motorway", "drone"])
+def test_a_wrong_yaw_that_the_user_gives_is_found_when_the_vehicle_moves(kind, off_deg):
+    """Its effect on the time offset, and so on the position, ends with it. They rest for 8 s."""
+    for seed in (1, 3):
+        d, out = started_with(kind, seed, off_deg)
+        e, sigma = yaw_error(d, out)
+        sure = (np.abs(e) > np.maximum(4.0 * sigma, np.radians(5.0))) & (out["status"] & HEADING_VALID != 0)
+        assert not np.any(sure[12 * RATE :])
+        last = slice(-10 * RATE, None)
+        assert np.all(out["status"][last] & HEADING_VALID) and np.all(np.abs(e[last]) < np.radians(5.0))
+        assert np.all(np.hypot(*errors(d, out)[0][last, :2].T) < 10.0)
+
+
+def yaw_error(d, out):
+    """(error of the yaw, rad; its sigma)"""
+    q = Rotation.from_quat(out["q_nb"], scalar_first=True)
+    e = q.as_euler("ZYX")[:, 0] - d.attitude.as_euler("ZYX")[: len(out), 0]
+    return (e + np.pi) % (2.0 * np.pi) - np.pi, out["sigma_rpy"][:, 2]

@@ -18,6 +18,7 @@ BEGUN_ANEW = {  # nominal states of one measurement or constraint, whose file ma
     ("nav", "gnss_bias"): "aiding/gnss_noise.py",
     ("nav", "gnss_lever_arm"): "aiding/gnss_noise.py",
     ("nav", "time_offset"): "aiding/gnss_time.py",
+    ("nav", "velocity_time_offset"): "aiding/gnss_time.py",
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",
 }
 CORE = "cs"  # what the functions call the state that the records belong to

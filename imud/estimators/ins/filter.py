@@ -29,6 +29,7 @@ from .fusion_horizon import (
     store_snapshot_if_due,
 )
 from .gnss_fix import fuse_gnss, is_usable, set_noise
+from .integrity.compass_offset import open_compass_offset
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -108,6 +109,8 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
             roll, pitch = 0.0, 0.0
     set_attitude(c, quat_of_euler(roll, pitch, yaw if math.isfinite(yaw) else 0.0))
     reset_gyro_scale(p, c)
+    if math.isfinite(yaw):
+        open_compass_offset(c, True)
     if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
         change_mode(p, c, HEADING_KNOWN)
 

@@ -17,7 +17,7 @@ from .aiding.gnss_gate import (
 )
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_lever_arm, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
-from .aiding.gnss_time import set_initial_time_offset
+from .aiding.gnss_time import reset_time_offsets, set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass, has_compass
 from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reject, wheels_support
@@ -119,6 +119,8 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     if contradicts_heading(p, c) or not heading_ok:
         clear_contradictions(c)
         if c.alignment.mode == NAVIGATING:
+            if is_unconfirmed(c):
+                reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
             distrust_compass(c)
             change_mode(p, c, HEADING_WRONG)
         reset_to_fix(p, c, fix)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import decorrelate, standard_deviation
-from ..state import TIME_OFFSET
+from ..state import TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -74,6 +74,15 @@ def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> N
         decorrelate(c, TIME_OFFSET, p.tuning.survey_epoch_sigma**2)
     elif delay > p.tuning.time_tag_tolerance_s and abs(delay - p.assumed_latency) > p.tuning.time_tag_tolerance_s:
         decorrelate(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
+
+
+@kernel
+def reset_time_offsets(p: Parameters, c: Core, fix: Fix, sigma: float) -> None:
+    """As before the first fix: what was learned with a heading that was wrong from the start is wrong, too."""
+    clear_time_offset(c, p.tuning.time_offset_sigma**2)
+    set_initial_time_offset(p, c, fix, sigma)
+    c.nav.velocity_time_offset = 0.0
+    decorrelate(c, VELOCITY_TIME_OFFSET, p.tuning.velocity_time_offset_sigma**2)
 
 
 @kernel

@@ -1,9 +1,9 @@
-"""GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that it gave.
+"""GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that was given.
 
-A compass may be mounted wrong, near iron or in other units: its headings then differ by an offset d from the true ones,
-and the estimate, which began with them or follows them, by w d:
+A compass may be mounted wrong, near iron or in other units, and a user may be mistaken: headings then differ by an
+offset d from the true ones, and the estimate, which began with them or follows them, by w d:
 
-    w = -1 at the heading at the onset, if the compass gave the heading, else 0,
+    w = -1 at the heading at the onset, if the compass or the user gave the heading, else 0,
     w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,    w <- (I - K h) w - K at a heading's.
 
 The innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
@@ -80,7 +80,7 @@ TUNABLES = (
 
 @kernel
 def open_compass_offset(c: Core, given: bool) -> None:
-    """The compass gives the heading, or is used for the first time beside one that is known (not `given`)."""
+    """The heading is `given`, by the compass or the user; or the compass is used first beside a known one."""
     g = c.compass_offset
     g.onset_ns, g.unconfirmed = c.nav.t_ns, 1 if given else 0
     g.information = g.vector = g.energy = g.count = g.heading_variance = 0.0
@@ -91,14 +91,14 @@ def open_compass_offset(c: Core, given: bool) -> None:
 
 @kernel
 def close_compass_offset(c: Core) -> None:
-    """The heading is not from the compass any more."""
+    """The heading is not a given one any more."""
     c.compass_offset.onset_ns, c.compass_offset.unconfirmed = NEVER_NS, 0
     c.compass_offset.heading_variance = 0.0
 
 
 @kernel
 def is_unconfirmed(c: Core) -> bool:
-    """Whether a compass gave the heading, and motion has not confirmed it yet."""
+    """Whether a compass or the user gave the heading, and motion has not confirmed it yet."""
     return bool(c.compass_offset.unconfirmed)
 
 
@@ -172,6 +172,9 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count
     if settled and abs(d) + 2.0 * sigma < p.tuning.confirmed_offset:
         g.unconfirmed = 0
+        if c.heading_aid.last_ns == NEVER_NS:  # the user gave it: nothing brings an offset in later
+            close_compass_offset(c)
+            return 0.0
     keep = 1.0 - min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_memory_s, 1.0)
     g.information, g.vector, g.energy, g.count = (
         keep * g.information,

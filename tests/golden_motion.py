@@ -20,6 +20,7 @@ from golden_data import (
 )
 from navigation_simulation import Drive, curvature, drive, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
+from vehicle_simulation import vehicle
 
 from imud.configuration.settings import Initial
 
@@ -189,6 +190,22 @@ def heading_a_little_wrong():
 
 def heading_just_wrong():
     return wrong_heading_by(24.0, 80)
+
+
+def boat_with_a_wrong_heading():
+    """Its slow changes of speed let the filter explain much of what contradicts the heading."""
+    d = vehicle("boat", 1)
+    samples, fixes = data(d, seed=79)
+    return navigated(samples, fixes, Initial(yaw_deg=float(np.degrees(d.attitude[0].as_euler("ZYX")[0])) + 180.0))
+
+
+def sensor_knocked():
+    """It turns in its mount while nothing is measured: the heading is wrong from one sample to the next."""
+    samples, fixes = data(seed=79)
+    later, turn = between(samples, 60.0, math.inf), Rotation.from_euler("z", 40.0, degrees=True)
+    for name in ("w", "f"):
+        samples[name][later] = turn.inv().apply(samples[name][later])
+    return navigated(samples, fixes)
 
 
 def step_of_the_bias_at_rest():

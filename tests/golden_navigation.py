@@ -62,6 +62,7 @@ from golden_gnss import (
 )
 from golden_motion import (
     boat,
+    boat_with_a_wrong_heading,
     date_line,
     disturbed_rest,
     disturbed_rest_before_heading,
@@ -80,6 +81,7 @@ from golden_motion import (
     pole,
     rest_in_an_outage,
     scale_factor,
+    sensor_knocked,
     step_of_the_bias_at_rest,
     step_of_the_bias_under_way,
     stops,
@@ -125,7 +127,8 @@ CLASSES = (
     hammered, stops, parked, turned_at_rest, frozen_slow_receiver, two_jumps_without_velocity, graded_jumps,
     graded_drifts, graded_drifts_under_way, survey_of_a_decimetre, outage_before_heading, old_fixes, slipping_start,
     ferry, disturbed_rest, disturbed_rest_without_velocity, disturbed_rest_before_heading, rest_in_an_outage,
-    heading_a_little_wrong, heading_just_wrong, force_that_creeps, moored, step_of_the_bias_at_rest,
+    heading_a_little_wrong, heading_just_wrong, sensor_knocked, boat_with_a_wrong_heading,
+    force_that_creeps, moored, step_of_the_bias_at_rest,
     step_of_the_bias_under_way, lift, pole,
     date_line, rtk_on_a_rough_road, odometer, odometer_without_sign, odometer_against_a_drift,
     odometer_against_a_drift_across,

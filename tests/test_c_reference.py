@@ -15,6 +15,8 @@ from imud.pipeline import Filter
 
 SECONDS = 20
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module", autouse=True)
 def compiler():

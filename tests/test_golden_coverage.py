@@ -5,6 +5,8 @@ from golden_coverage import LEAST_PERCENT, counts, percent, unexplained
 
 from imud.compile import build
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module")
 def counted():

@@ -14,6 +14,7 @@ def search():
     return Search()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mutant", SOME, ids=[mutant.name for mutant in SOME])
 def test_a_tunable_that_changes_moves_a_golden_trace(search, mutant):
     """A new tunable needs a recording in which it matters; or else a reason in `NOT_NOTICED`."""

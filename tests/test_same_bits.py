@@ -14,6 +14,8 @@ from imud.compile import library
 TESTS = Path(__file__).resolve().parent
 NAMES = ("tilt", "stationary")  # numba compiles their kernels in seconds
 
+pytestmark = pytest.mark.thorough
+
 
 @functools.cache
 def digests(names, **variables):

@@ -65,13 +65,10 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
 
 
 @kernel
-def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]) -> int:
-    """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written."""
-    repeated = velocity_is_repeated(c, fix)
-    if position_is_frozen(p, c, fix):
-        reject_frozen(c)
-        rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-        return rows if repeated else fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+def fuse_and_align(
+    p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]
+) -> int:
+    """Align with the fix while the heading is not known, and fuse its position and velocity; returns the rows."""
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
@@ -85,15 +82,26 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         align_with_fix(p, c, b, fix)
     if not first:
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
-    rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
-    heading_ok = True
+    return fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+
+
+@kernel
+def check_given_heading(p: Parameters, c: Core) -> bool:
+    """Whether a compass or the user gave a wrong heading. False: it is wrong, and has to be found anew."""
     offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
-    if offset != 0.0 and correct_compass_offset(p, c, offset):
-        correct_state(p, c)
-        distrust_compass(c)
-        restart_in_motion_alignment(c)
-    elif offset != 0.0:
-        heading_ok = False
+    if offset == 0.0:
+        return True
+    if not correct_compass_offset(p, c, offset):
+        return False
+    correct_state(p, c)
+    distrust_compass(c)
+    restart_in_motion_alignment(c)
+    return True
+
+
+@kernel
+def check_drift(p: Parameters, c: Core) -> None:
+    """Whether the receiver drifts against wheels that support the estimate: then they reject it."""
     if c.alignment.mode == NAVIGATING and wheels_support(p, c) and not wheels_reject(p, c) and not is_unconfirmed(c):
         otherwise = max(
             explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c), explained_by_compass_offset(c)
@@ -101,28 +109,63 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         if detect_velocity_drift(p, c, otherwise) > 0.0:
             correct_state(p, c)
             reject_by_wheels(c)
+
+
+@kernel
+def check_time_offset(p: Parameters, c: Core) -> None:
+    """Whether the stamps have stepped; a drift or a wrong heading looks like that."""
     uncertain = is_unconfirmed(c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain:
-        reset_time_offset_step(c)  # a drift or a wrong heading looks like one
+        reset_time_offset_step(c)
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
+
+
+@kernel
+def check_gyro_bias(p: Parameters, c: Core) -> None:
+    """Whether the gyro's bias has stepped; a compass shows such a turn by itself."""
     if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
-        reset_gyro_bias_step(c)  # a compass shows a turn by itself
+        reset_gyro_bias_step(c)
     elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
         correct_state(p, c)
         restart_in_motion_alignment(c)
+
+
+@kernel
+def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
+    """The heading is wrong: begin with the fix, and what was learned with an unconfirmed heading anew."""
+    clear_contradictions(c)
+    if c.alignment.mode == NAVIGATING:
+        if is_unconfirmed(c):
+            reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
+        distrust_compass(c)
+        change_mode(p, c, HEADING_WRONG)
+    reset_to_fix(p, c, fix)
+
+
+@kernel
+def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]) -> int:
+    """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written.
+
+    After the fix the tests of what it may show, each of which knows what the others would explain: a wrong heading that
+    was given, a drift of the receiver, a step of its stamps, a step of the gyro's bias, a wrong heading.
+    """
+    repeated = velocity_is_repeated(c, fix)
+    if position_is_frozen(p, c, fix):
+        reject_frozen(c)
+        rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+        return rows if repeated else fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+    rows = fuse_and_align(p, c, b, fix, age, innovations)
+    heading_ok = check_given_heading(p, c)
+    check_drift(p, c)
+    check_time_offset(p, c)
+    check_gyro_bias(p, c)
     decay_reset_score(p, c)
     if heading_ok and c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)
     if contradicts_heading(p, c) or not heading_ok:
-        clear_contradictions(c)
-        if c.alignment.mode == NAVIGATING:
-            if is_unconfirmed(c):
-                reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
-            distrust_compass(c)
-            change_mode(p, c, HEADING_WRONG)
-        reset_to_fix(p, c, fix)
+        find_heading_anew(p, c, fix)
     count_fix(c)
     return rows

@@ -24,6 +24,7 @@ class Fix:
     hdop: float | None
     speed_mps: float | None  # over ground
     course_deg: float | None  # over ground, from true north
+    step_deg: float = 0.0  # latitude and longitude are rounded to it; 0: to less than matters
     sigma_n_m: float | None = None
     sigma_e_m: float | None = None
     sigma_d_m: float | None = None

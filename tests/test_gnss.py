@@ -62,6 +62,29 @@ def test_the_record_is_in_si_units():
     assert record(replace(FIX, satellites=None), 0, 0)["satellites"][0] == -1
 
 
+@pytest.mark.parametrize(
+    ("lat", "lon", "sigma_m"),  # a minute of latitude is 1853.25 m; evenly distributed over a step: step / sqrt(12)
+    [
+        ("4807.0,N", "01131.0,E", 53.5),
+        ("4807,N", "01131,E", 535.0),
+        ("4807.0381,N", "01131.0,E", 53.5),
+        ("4807.03,N", "01131.00,E", 5.35),
+        ("4807.038,N", "01131.000,E", None),
+        ("4807.0381234,N", "01131.0001234,E", None),
+    ],
+)
+def test_a_position_of_few_digits_is_no_better_than_its_rounding(lat, lon, sigma_m):
+    (fix,), _ = decode(gga(lat=lat, lon=lon))
+    row = record(fix, 0, 0)[0]
+    expected = [math.nan if sigma_m is None else sigma_m] * 2
+    assert row["sigma"][:2].tolist() == pytest.approx(expected, rel=2e-3, nan_ok=True)
+    assert math.isnan(row["sigma"][2])
+    worse = record(replace(fix, sigma_n_m=30.0, sigma_e_m=40.0), 0, 0)[0]
+    assert worse["sigma"][:2] == pytest.approx(
+        [math.hypot(stated, sigma_m or 0.0) for stated in (30.0, 40.0)], rel=2e-3
+    )
+
+
 def test_without_an_inertial_sensor_the_receivers_fix_is_published():
     kinds = ("TPV", "ATT", "IMU", "EST")
     row = solution(record(replace(FIX, hdop=0.8), 5, 7))

@@ -24,6 +24,7 @@ class GgaGns:
     satellites: int | None
     lat_deg: float = 0.0
     lon_deg: float = 0.0
+    step_deg: float = 0.0  # of the last digit of the coarser of the two
     alt_msl_m: float | None = None
     geoid_sep_m: float | None = None
     hdop: float | None = None
@@ -38,6 +39,7 @@ class RmcGllGroup:
     quality: int  # as GGA's, from status and mode
     lat_deg: float = 0.0
     lon_deg: float = 0.0
+    step_deg: float = 0.0  # of the last digit of the coarser of the two
     speed_mps: float | None = None
     course_deg: float | None = None
 
@@ -80,13 +82,14 @@ class GsaMode:
 Content = GgaGns | RmcGllGroup | Vtg | Gst | Zda | GsaMode
 
 
-def latlon(s: Sentence, first: int) -> tuple[float, float]:
-    """Four fields from `first` on; an empty position is rejected, not taken for 0, 0."""
+def latlon(s: Sentence, first: int) -> tuple[float, float, float]:
+    """Latitude, longitude and `step_deg` of four fields; an empty position is rejected, not taken for 0, 0."""
     lat = angle(s.field(first), s.field(first + 1), 2, "NS", 90, "latitude")
     lon = angle(s.field(first + 2), s.field(first + 3), 3, "EW", 180, "longitude")
     if lat is None or lon is None:
         raise RefusedError("position missing")
-    return lat, lon
+    digits = min(len(s.field(i).partition(".")[2]) for i in (first, first + 2))
+    return lat, lon, 10.0**-digits / 60.0
 
 
 def metres(s: Sentence, i: int, limit: float, reason: str) -> float | None:
@@ -137,9 +140,9 @@ def rmc(s: Sentence) -> RmcGllGroup:
         return RmcGllGroup(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
-    lat, lon = latlon(s, 3)
+    position = latlon(s, 3)
     speed = speed_mps(s.field(7), KNOTS)
-    return RmcGllGroup(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], lat, lon, speed, course(s.field(8)))
+    return RmcGllGroup(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], *position, speed, course(s.field(8)))
 
 
 def gll(s: Sentence) -> RmcGllGroup:

@@ -101,6 +101,7 @@ class Epoch:
             date=dated.date if dated else None,
             lat_deg=position.lat_deg,
             lon_deg=position.lon_deg,
+            step_deg=position.step_deg,
             alt_msl_m=height.alt_msl_m,
             geoid_sep_m=height.geoid_sep_m,
             quality=quality,

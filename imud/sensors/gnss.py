@@ -13,6 +13,9 @@ from ..configuration.settings import Gnss
 from ..estimators.records import FIX
 from ..math.arrays import Records
 
+DEGREE_M = 111_195.0  # of latitude
+COARSE_M = 3.0  # 1 sigma of the rounding of a position from which on it counts: two decimals of a minute or fewer
+
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
@@ -77,6 +80,9 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     row["t_ns"], row["arrival_ns"] = t_ns, arrival_ns
     row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
     row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]
+    rounding_m = fix.step_deg * DEGREE_M / math.sqrt(12.0)  # 1 sigma of an error that is evenly distributed
+    if rounding_m > COARSE_M:
+        row["sigma"][0, :2] = [math.hypot(stated or 0.0, rounding_m) for stated in (fix.sigma_n_m, fix.sigma_e_m)]
     row["v"] = [_or_nan(component) for component in fix.velocity_mps or (None, None, None)]
     row["sigma_v"] = fix.velocity_sigma_mps or math.nan
     row["hdop"], row["speed"] = _or_nan(fix.hdop), _or_nan(fix.speed_mps)

@@ -209,6 +209,14 @@ def several(n):
     return x[0] > n
 
 
+def copying_a_row(parts):
+    parts[0].P[1] = parts[0].P[0]
+
+
+def copying_elements(parts):
+    parts[0].P[:] = parts[0].P
+
+
 @pytest.mark.parametrize(
     ("function", "what"),
     [
@@ -221,14 +229,17 @@ def several(n):
         (unknown, r"call: print\(n\)"),
         (from_the_end, r"index from the end: values\[-1\]"),
         (several, r"variable that is both double and t2_double"),
+        (copying_a_row, r"assignment of a whole array: parts\[0\]\.P\[1\]"),
+        (copying_elements, r"assignment of a whole array: parts\[0\]\.P\[:\]"),
     ],
 )
 def test_what_has_no_translation_is_named_with_file_and_line(function, what):
     unit = Translation()
+    argument = {copying_a_row: PART, copying_elements: PART} | dict.fromkeys(
+        (from_the_end, of_the_c_library, fractional), np.dtype(float)
+    )
     with pytest.raises(UnsupportedError, match=rf"test_compile_c\.py:\d+: .*{what}"):
-        unit.export(
-            function, [np.dtype(float) if function in (from_the_end, of_the_c_library, fractional) else None], "entry"
-        )
+        unit.export(function, [argument.get(function)], "entry")
 
 
 def test_a_kernel_that_calls_itself_is_refused():

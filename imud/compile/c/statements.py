@@ -210,9 +210,13 @@ class Body:
             row, filled = self._of.value(target.value)
             if ast.unparse(target.slice) != ":" or not isinstance(filled, Array) or filled.n is None:
                 self._of.fail(target, "slice")
+            if isinstance(kind, Array):
+                self._of.fail(target, "assignment of a whole array")
             self._fill(target, row, filled, "=", text, depth)
         elif isinstance(target, ast.Subscript | ast.Attribute):
             assigned, there = self._of.value(target)
+            if isinstance(there, Array):
+                self._of.fail(target, "assignment of a whole array")
             if isinstance(there, Record):
                 self._put(depth, self._of.unit.record_copy(assigned, text, there))
             else:

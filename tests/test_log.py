@@ -1,8 +1,10 @@
 """Logs: for people on a terminal or in a file; with fields and priorities in the journal, by its own reader's rules."""
 
+import contextlib
 import json
 import os
 import re
+import select
 import socket
 import subprocess
 import sys
@@ -156,3 +158,39 @@ def test_the_log_does_not_cost_asyncio():
     code += "; print(stdlib.asyncio.sleep.__module__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "asyncio.tasks"]
+
+
+UNREAD = """
+import sys
+from imud.process import log
+log.configure()
+for number in range(3000):
+    log.get_logger().warning("x" * 100)
+print("not stopped", flush=True)
+sys.stdin.readline()
+for number in range(2):
+    log.get_logger().warning("read again")
+"""
+
+
+@pytest.mark.parametrize("kind", ["pipe", "terminal"])
+def test_a_log_that_nobody_reads_loses_lines_and_stops_nothing(kind):
+    reader, writer = os.pipe() if kind == "pipe" else os.openpty()
+    command = [sys.executable, "-c", UNREAD]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=writer, text=True) as process:
+        os.close(writer)
+        if not select.select([process.stdout], [], [], 60.0)[0]:
+            process.kill()  # it waits for the reader of its log
+        assert process.stdout.readline() == "not stopped\n"
+        got = b""
+        while select.select([reader], [], [], 0.5)[0]:
+            got += os.read(reader, 1 << 16)
+        process.stdin.write("go on\n")
+        process.stdin.flush()
+        with contextlib.suppress(OSError):  # how the end of a terminal is read
+            while more := os.read(reader, 1 << 16):
+                got += more
+    os.close(reader)
+    assert process.returncode == 0
+    assert got.count(b"x" * 100) > 5
+    assert b"read again" in got.splitlines()[-1]

@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import socket
+import stat
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO, cast
@@ -85,14 +86,28 @@ def _is_journalled() -> bool:
 
 
 class _Lossy:
-    """A stream whose failure (reader gone, disk full) costs lines of the log, but does not end the daemon."""
+    """A stream whose failure (reader gone, disk full) costs lines of the log, but does not end the daemon.
+
+    Nor does a reader that stalls stop it: a terminal after Ctrl-S or behind a lost connection, a pipe that is full.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+        self._fd: int | None = None  # to the same terminal or pipe, without waiting
+        self._torn = False  # its last line has no end
+        with contextlib.suppress(OSError, ValueError):
+            mode = os.fstat(stream.fileno()).st_mode
+            if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode):  # not O_NONBLOCK on stderr itself: others have it, too
+                flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+                self._fd = os.open(f"/proc/self/fd/{stream.fileno()}", flags)
 
     def write(self, text: str) -> None:
         with contextlib.suppress(OSError, ValueError):
-            self._stream.write(text)
+            if self._fd is None:
+                self._stream.write(text)
+                return
+            data = b"\n" * self._torn + text.encode(self._stream.encoding, "backslashreplace")
+            self._torn = os.write(self._fd, data) < len(data)
 
     def flush(self) -> None:
         with contextlib.suppress(OSError, ValueError):

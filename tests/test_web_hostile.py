@@ -130,6 +130,23 @@ def test_malformed_requests_are_a_line_each_kind_and_no_traceback(tmp_path):
         assert len(printed().splitlines()) < 2 * len(MALFORMED)
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"Content-Encoding: gzip\r\nContent-Length: 3\r\n\r\nabc",
+        b"Content-Encoding: deflate\r\nContent-Length: 3\r\n\r\nabc",
+        b"Transfer-Encoding: chunked\r\n\r\n3\r\nabcXX\r\n",
+    ],
+)
+def test_a_body_that_cannot_be_decoded_is_no_traceback(body, tmp_path):
+    with page_server(tmp_path) as (address, printed):
+        head = b"POST / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
+        assert answer(address, head + body).split()[1] in (b"400", b"405")
+        answer(address, b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        assert "Traceback" not in printed()
+        assert len(printed().splitlines()) <= 1
+
+
 def test_a_connection_without_a_whole_request_is_ended(tmp_path):
     code = "from imud.commands.web import limits; limits.HEADER_S = 0.3"
     with page_server(tmp_path, code) as (address, printed):

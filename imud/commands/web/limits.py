@@ -105,5 +105,5 @@ class ErrorLog(logging.Handler):
         self._printed.add(seen)
         why = f": {' '.join(str(error).split())[:200]}" if error is not None else ""
         print(f"imud web: {text}{why} (printed once)", file=sys.stderr, flush=True)
-        if error is not None and not isinstance(error, HttpProcessingError | OSError):
+        if error is not None and not isinstance(error, HttpProcessingError | web.RequestPayloadError | OSError):
             traceback.print_exception(error)

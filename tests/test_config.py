@@ -59,6 +59,14 @@ def test_initial_values():
         config.parse_assignments("yaw=1", Initial, "--initial")
 
 
+@pytest.mark.parametrize("start", ["foo", "yaw=3", "a\\u0007", "x" * 3000])
+def test_a_wrong_start_in_the_settings_is_said_in_a_line_as_it_should_be(start):
+    with pytest.raises(ConfigError, match=r"initial: not as it must be for --initial") as caught:
+        config.loads(f'initial = "{start}"')
+    assert len(str(caught.value)) < 400
+    assert "\a" not in str(caught.value)
+
+
 def test_hot_settings_are_applied_and_the_others_wait():
     running = config.loads("[gpsd]\nrate_hz = 5.0\n[gnss]\nmax_hdop = 3.0")
     fresh = config.loads(

@@ -18,6 +18,7 @@ from ..errors import ConfigError
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
 _FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB
+_SHOWN = 80  # characters of what was given, in a message
 _DOTS_MAX = 100  # in a line: the time that tomllib takes for a key goes with the square of its parts
 _PROBLEMS_MAX = 50  # in one message
 _NOT_TOML = (ValueError, RecursionError)  # TOMLDecodeError, an integer of thousands of digits; deeply nested arrays
@@ -60,7 +61,8 @@ def _lines_of(text: str) -> dict[str, int]:
 def _assignment(text: str, option: str, example: str) -> tuple[list[str], Any]:
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
-        raise ConfigError(f"{option} {text}: write it as KEY=VALUE, for example {option} {example}")
+        given = text if text.isprintable() and len(text) <= _SHOWN else ascii(text)[:_SHOWN]
+        raise ConfigError(f"{option} {given}: write it as KEY=VALUE, for example {option} {example}")
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except _NOT_TOML:
@@ -151,16 +153,16 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
         estimators = (*NAMES, *plugins("imud.estimators"))
         for (path, name), known in zip(given.items(), (estimators, tuple(PROFILES)), strict=True):
             if isinstance(name, str) and name not in ("auto", *known):
-                yield path, f"there is no {name!r}; known are auto, {', '.join(known)}"
+                yield path, f"there is no {repr(name)[:_SHOWN]}; known are auto, {', '.join(known)}"
 
 
 def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
     """(key path, what is wrong) where a tunable or a value of the start does not exist, or does not take the value."""
     if isinstance(start := table.get("initial"), str):
         try:
-            parse_assignments(start, Initial, "it")
+            parse_assignments(start, Initial, "--initial")
         except ConfigError as error:
-            yield "initial", str(error)
+            yield "initial", f"not as it must be for {error}"
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
     if tuned:
         from ..estimators import registry

@@ -94,3 +94,33 @@ def test_a_time_that_runs_backward_is_a_fault_also_over_midnight(step):
         second = (86_398 + step * k if step > 0 else 2 - k) % 86_400
         receiver.take(gga(f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.000"), (5 + k) * SECOND)
     assert any("backward" in fault for fault in receiver.faults(13 * SECOND)) == (step < 0)
+
+
+def used_of(seconds):
+    """Which of the fixes of these times of day, one a second, are used; and the receiver."""
+    receiver, used = Receiver(by_name("nmea"), Gnss(), 0), []
+    for k, second in enumerate(seconds):
+        text = f"{second // 3600 % 24:02d}{second // 60 % 60:02d}{second % 60:02d}.000"
+        rows = receiver.take(gga(text), (5 + k) * SECOND) + receiver.flush((5 + k) * SECOND + 300_000_000)
+        used.append(bool(rows))
+    return used, receiver
+
+
+def test_fixes_of_a_time_that_runs_backward_are_not_used():
+    used, _ = used_of(range(50_000, 49_980, -1))
+    assert not any(used[3:])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_fixes_of_a_time_that_jumps_about_are_not_used_and_it_is_a_fault(seed):
+    times = [int(second) for second in np.random.default_rng(seed).integers(0, 86_400, 20)]
+    used, receiver = used_of(times)
+    assert not any(used[3:])
+    assert any("its time" in fault for fault in receiver.faults(25 * SECOND))  # backward, if the last ones happen to
+    used, receiver = used_of([*times, *range(40_000, 40_020)])
+    assert all(used[-15:]) and not receiver.faults(45 * SECOND)
+
+
+def test_a_single_step_of_the_time_costs_no_fix_by_that():
+    used, receiver = used_of([*range(40_000, 40_010), *range(50_000, 50_010)])
+    assert all(used[1:]) and not receiver.faults(25 * SECOND)

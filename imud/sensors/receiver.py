@@ -32,6 +32,7 @@ JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("age", "their age is not known: they have waited somewhere and come faster than they are made")
+_CLOCK = Refusal("age", "their age is not known: their times do not go on as they come")
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -78,6 +79,7 @@ class Receiver:
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
         self._backward = 0  # fixes in sequence, each of an earlier time than the one before
+        self._leaps = 0  # fixes in sequence, each of a time that has not gone on as the arrival
         self._connected_ns = now_ns
         self.received: dict[str, Received] = {}  # of its readings, by aiding source
         self.measured: list[Measured] = []  # of its readings; who uses them empties it
@@ -119,6 +121,7 @@ class Receiver:
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
             self._backward = self._backward + 1 if self._last and runs_backward(self._last, fix) else 0
+            self._leaps = self._leaps + 1 if self._last and leaps(self._last, fix) else 0
             self._last = fix
             t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
             row = record(fix, t_ns, now_ns)
@@ -143,6 +146,8 @@ class Receiver:
         """Why a fix that the settings allow cannot be right."""
         if not self._epochs.is_known:
             return _QUEUE
+        if max(self._backward, self._leaps) >= STEADY:
+            return _CLOCK
         self._consistency.add(row)
         return FROZEN if self._consistency.is_frozen else None
 
@@ -234,6 +239,8 @@ class Receiver:
             return "receiver: says that it has a fix, but tells no new one"
         if self._backward >= STEADY:
             return "receiver: its time runs backward"
+        if self._leaps >= STEADY:
+            return "receiver: its time jumps from fix to fix"
         if self._consistency.is_frozen:
             return "receiver: its position has never changed although its velocity says that it moves"
         if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
@@ -283,3 +290,11 @@ def runs_backward(before: Fix, after: Fix) -> bool:
     if before.utc_s is None or after.utc_s is None:
         return False
     return math.remainder(after.utc_s - before.utc_s, 86_400.0) < 0.0
+
+
+def leaps(before: Fix, after: Fix) -> bool:
+    """Whether the time of day has gone on by another amount than the arrival, by more than any fix may be late."""
+    if before.utc_s is None or after.utc_s is None:
+        return False
+    passed_s = (after.arrival_ns - before.arrival_ns) * 1e-9
+    return abs(math.remainder(after.utc_s - before.utc_s - passed_s, 86_400.0)) > TOO_LATE_NS * 1e-9

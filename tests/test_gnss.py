@@ -4,6 +4,7 @@ import gzip
 import json
 import math
 import os
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from nmea_lines import decode, gga, line, rmc, vtg
 from imud.api import navigate
 from imud.configuration.settings import Gnss
 from imud.daemon.receiver_solution import solution
+from imud.drivers.fix import ReceiverStatus
 from imud.drivers.registry import by_name
 from imud.errors import BadDataError, ConfigError
 from imud.outputs.gpsd_json import Report
@@ -49,6 +51,36 @@ def test_a_poor_or_timeless_fix_is_refused_but_an_unknown_hdop_is_not():
     assert "HDOP" in str(refusal(replace(FIX, hdop=20.1), Gnss()))
     assert refusal(decode(gga(rest="1,08,99.99,545.4,M,46.9,M,,"))[0][0], Gnss()) is None
     assert "no time" in str(refusal(replace(FIX, utc_s=None), Gnss()))
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"velocity_mps": (2e6, 0.0, 0.0)},
+        {"velocity_mps": (0.0, -2e6, None)},
+        {"velocity_mps": (0.0, 0.0, 2e6)},
+        {"speed_mps": 2e6},
+        {"alt_msl_m": -2e6},
+        {"alt_msl_m": 9e5, "geoid_sep_m": 9e5},
+    ],
+)
+def test_a_fix_that_cannot_be_is_refused_and_a_fault(told):
+    assert refusal(replace(FIX, velocity_mps=(9000.0, -9000.0, math.nan), alt_msl_m=9e5), Gnss()) is None
+    assert "cannot" not in str(refusal(FIX, Gnss()))
+    assert refusal(replace(FIX, **told), Gnss()).rule == "range"
+
+    class Says:  # a decoder of one fix a second
+        whole, counters, decoded, pending, status = 0, Counter(), 0, False, ReceiverStatus()
+
+        def feed(self, data, arrival_ns):
+            self.status = ReceiverStatus(quality=1, arrival_ns=arrival_ns)
+            self.decoded += 1
+            return [replace(FIX, **told, arrival_ns=arrival_ns, utc_s=float(self.decoded))]
+
+    receiver = Receiver(by_name("nmea"), Gnss(), 0)
+    receiver.decoder = Says()
+    assert not any(receiver.take(b"", second * 10**9) for second in range(1, 9))
+    assert any("beyond what can be" in fault for fault in receiver.faults(9 * 10**9))
 
 
 def test_the_record_is_in_si_units():

@@ -14,6 +14,7 @@ from ..estimators.records import FIX
 from ..math.arrays import Records
 
 DEGREE_M = 111_195.0  # of latitude
+HEIGHT_MAX_M, SPEED_MAX_MPS = 1e6, 1e4  # beyond them no fix can be right
 COARSE_M = 3.0  # 1 sigma of the rounding of a position from which on it counts: two decimals of a minute or fewer
 
 
@@ -35,12 +36,25 @@ class Refusal:
         return self.why
 
 
+IMPOSSIBLE = Refusal("range", "their height or velocity is beyond what can be")
+
+
 def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     """Why the settings forbid this fix; None: use it."""
     if fix.spoofed:
         return Refusal("spoofing", "the receiver reports forged signals")
+    if not is_possible(fix):
+        return IMPOSSIBLE
     why = _forbidden(fix.quality, fix.satellites, fix.hdop, settings)
     return why or (Refusal("time", "they have no time") if fix.utc_s is None else None)
+
+
+def is_possible(fix: Fix) -> bool:
+    """Whether height and velocity are below what anything with a receiver reaches; what is not known is possible."""
+    speeds = (fix.speed_mps, *(fix.velocity_mps or ()))
+    heights = (fix.height_m, fix.alt_msl_m)
+    impossible = (abs(_or_nan(speed)) > SPEED_MAX_MPS for speed in speeds)
+    return not any(impossible) and not any(abs(_or_nan(height)) > HEIGHT_MAX_M for height in heights)
 
 
 def _forbidden(quality: int, satellites: int | None, hdop: float | None, settings: Gnss) -> Refusal | None:

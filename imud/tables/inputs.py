@@ -20,6 +20,7 @@ from ..errors import BadDataError
 from ..estimators.aiding_source import AidingSource
 from ..estimators.records import FIX, MEASUREMENT
 from ..math.arrays import Floats
+from ..sensors.gnss import HEIGHT_MAX_M, SPEED_MAX_MPS
 from .lines import Table, first_bytes, table_of
 
 _SHOWN = 40  # characters of what is no number
@@ -28,9 +29,9 @@ _LONGEST_S = 9e9  # from the origin: in ns it fits 64 bits
 _EARLY_S = 1.0  # before its epoch no fix arrives, but clocks differ
 _FARTHEST_S = 2.0  # between samples
 _LIMITS = {
-    **{"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "height_m": (-1e6, 1e6)},
+    **{"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "height_m": (-HEIGHT_MAX_M, HEIGHT_MAX_M)},
     **{"quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)},
-    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-1e4, 1e4)),
+    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
 }
 _BELOW_ZERO_UNKNOWN = {
     "sn_m",

@@ -51,9 +51,14 @@ def _next_chunk(file: BinaryIO, after: int) -> int | None:
 
 
 class _Reader(StreamReader):
-    """Skips the index of messages behind each chunk, one a topic, which takes longer to read than the chunk."""
+    """Skips the index of messages behind each chunk, one a topic, which takes longer to read than the chunk.
+
+    Zeros are no records: a power cut may leave a file with any number of them at its end.
+    """
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == 0:
+            raise ValueError("zeros instead of a record")
         if opcode != Opcode.MESSAGE_INDEX:
             return super()._read_record(opcode, length)
         size = _INDEX.unpack(self._stream.read(_INDEX.size))[0]

@@ -253,4 +253,5 @@ def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: S
         f"<script>{plotly_js()}</script><script>{constants}{SCRIPT}</script></head>"
     )
     said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
-    path.write_text(f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>", encoding="utf-8")
+    page = f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>"
+    path.write_text(page, encoding="utf-8", errors="replace")  # the name of a file may be no UTF-8

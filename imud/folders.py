@@ -1,9 +1,12 @@
 """Folders for our files: the service manager's first, then the user's own, named by the XDG rules."""
 
 import contextlib
+import errno
 import os
+import stat
 from pathlib import Path
 
+_FILE_MAX = 16 << 20  # bytes; the largest that imud keeps, a filter's checkpoint, has some 25 kB
 _OWN = {"cache": ".cache", "state": ".local/state"}
 _XDG = {"cache": "XDG_CACHE_HOME", "state": "XDG_STATE_HOME", "runtime": "XDG_RUNTIME_DIR"}
 
@@ -24,14 +27,31 @@ def folders_for(kind: str) -> list[Path]:
     return found
 
 
+def read_file(path: Path) -> bytes:
+    """All of a file that imud keeps. Raises OSError, also if it is a pipe or a device, or too long to be such a file.
+
+    Reading a pipe would wait for another program, and reading a device might never end.
+    """
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK | os.O_NOCTTY)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        if len(content := file.read(_FILE_MAX + 1)) > _FILE_MAX:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+        return content
+
+
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file as a whole, in a folder that is made if need be; only the user may read it. Raises OSError."""
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}-{os.getpid()}")
-    with open(new, "wb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
-        file.write(content)
-    new.replace(path)
+    try:
+        with open(new, "wb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+            file.write(content)
+        new.replace(path)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
 
 
 def boot_id() -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 
 import numpy as np
@@ -159,3 +160,11 @@ def test_bad_input(recording, tmp_path, capsys):
     assert main(["allan", str(tmp_path / "none.csv")]) == 66
     assert main(["allan", str(recording), "--sheet", "x"]) == 64
     assert main(["allan", str(recording), "--settings", "/nonexistent/x"]) == 73
+
+
+def test_a_recording_of_any_name(recording, tmp_path):
+    for name in ("a\nb.csv", os.fsdecode(b"\xff.csv")):
+        (tmp_path / name).write_bytes(recording.read_bytes())
+        outputs = ["-o", str(tmp_path / "page.html"), "--settings", str(tmp_path / "noise.toml")]
+        assert main(["allan", str(tmp_path / name), *outputs]) == 0
+        assert config.load(tmp_path / "noise.toml").noise.gyro_random_walk_deg_per_sqrt_h > 0.0

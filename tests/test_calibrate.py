@@ -260,6 +260,8 @@ def test_the_command(tmp_path, capsys):
     kept = calibration.load("S1", [tmp_path])
     np.testing.assert_allclose(kept.gyro.bias_radps, BIAS, atol=2e-4)
     assert kept.gyro.temperature_c == pytest.approx(21.5)
+    for serial in ("S\n1", "\udcff", "S" * 1000):
+        assert main([*command, "--serial", serial]) == 64
     assert main(["calibrate", "faces", *command[2:]]) == 65
     assert "each of its six sides" in capsys.readouterr().err
     assert calibration.load("S1", [tmp_path]) == kept

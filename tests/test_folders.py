@@ -1,11 +1,16 @@
 """Where our files lie, also for a service whose user has no home."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from imud import folders
 from imud.compile import numba_cache
+from imud.daemon import checkpoint_file
+from imud.errors import ImudError
+from imud.sensor_errors import calibration, stored_biases
+from imud.sensor_errors.profiles import PROFILES
 
 
 @pytest.fixture
@@ -46,3 +51,34 @@ def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path):
     with pytest.raises(OSError, match="file"):
         folders.replace_file(tmp_path / "file" / "state", b"new")
     assert (tmp_path / "file").read_bytes() == b"old"
+
+
+def test_nothing_is_left_beside_a_file_that_cannot_be_replaced(tmp_path):
+    (tmp_path / "state").mkdir()
+    with pytest.raises(IsADirectoryError):
+        folders.replace_file(tmp_path / "state", b"new")
+    assert [other.name for other in tmp_path.iterdir()] == ["state"]
+
+
+ODD = {
+    "a pipe that nobody writes to": os.mkfifo,
+    "a device without an end": lambda path: path.symlink_to("/dev/zero"),
+    "a folder": Path.mkdir,
+    "a link to itself": lambda path: path.symlink_to(path),
+    "larger than the memory": lambda path: (path.touch(), os.truncate(path, 1 << 40)),
+    "nested deeply": lambda path: path.write_text("a = " + "[" * 100_000),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_whatever_lies_in_the_place_of_the_daemons_files_it_starts_without_them(odd, tmp_path, monkeypatch):
+    for kind in ("state", "runtime"):
+        monkeypatch.setenv(f"{kind.upper()}_DIRECTORY", str(tmp_path))
+        monkeypatch.delenv(f"XDG_{kind.upper()}_HOME", raising=False)
+    for name in (checkpoint_file._name("S", "P"), stored_biases._name("S"), calibration._name("S")):
+        ODD[odd](tmp_path / name)
+    assert checkpoint_file.take("S", "P", 10**9) == b""
+    nothing = calibration.correction(calibration.Calibration(""), (0.0, 0.0, 0.0))
+    assert stored_biases.load("S", nothing, 0, PROFILES["m-g350"]) is None
+    with pytest.raises(ImudError, match="calibration-S"):  # reported by the daemon: it is not used
+        calibration.load("S", [tmp_path])

@@ -10,6 +10,7 @@ from recorded import message
 
 from imud.commands import main
 from imud.configuration.settings import Gnss, Initial, Settings
+from imud.drivers import capture
 from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Entry
 from imud.drivers.errors import NotSerialError
 from imud.drivers.transport.portspec import PortSpec
@@ -177,3 +178,15 @@ def test_a_repeated_connection_changes_nothing_unless_it_is_of_a_connection_that
         sensors.append(sensor)
     assert sensors[1] is sensors[0]
     assert sensors[2] is not sensors[0]
+
+
+def test_zeros_behind_a_recording_are_not_read_one_by_one(whole, tmp_path, monkeypatch):
+    end_of_data = b"\x0f\4" + bytes(7)  # opcode, length
+    broken_off = tmp_path / "zeros.mcap"
+    broken_off.write_bytes(whole.read_bytes().partition(end_of_data)[0] + bytes(1 << 20))
+    records = []
+    read_record = capture._Reader._read_record
+    monkeypatch.setattr(capture._Reader, "_read_record", lambda *of: (records.append(of[1]), read_record(*of))[1])
+    *_, notes = read(broken_off)
+    assert len(records) < 1000
+    assert "broke off" in "".join(notes)

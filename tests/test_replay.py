@@ -149,6 +149,10 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
         (("-o", "-", "--gnss", "/nonexistent.csv"), 66, b"/nonexistent.csv"),
         (("-o", "-", "--gnss", "{imu}"), 65, b"lat_deg"),
         (("-o", "{imu}"), 73, b"overwritten"),
+        (("-o", "{imu}", "--aiding", "heading={imu}", "--imu", "/dev/null"), 73, b"overwritten"),
+        (("-o", "{imu}", "--config", "{imu}", "--imu", "/dev/null"), 73, b"overwritten"),
+        (("-o", "/tmp/est.csv", "--innovations", "/tmp/../tmp/est.csv"), 73, b"written twice"),
+        (("-o", "-", "--imu", "{long}"), 65, b"t_s is 1111111111"),
         (("-o", "-", "--estimator", "magic"), 64, b"magic"),
         (("-o", "-", "--initial", "yaw=3"), 78, b"--initial"),
         (("-o", "-", "--rate", "0"), 64, b"--rate"),
@@ -157,10 +161,24 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
 )
 def test_errors_are_reported(drive, arguments, code, says):
     folder, _ = drive
-    ended = replay("--imu", folder / "imu.csv", *(a.format(imu=folder / "imu.csv") for a in arguments))
+    header = (folder / "imu.csv").read_text().partition("\n")[0]
+    (folder / "long.csv").write_text(f"{header}\n{'1' * 1_000_000}{',0' * 6}\n")
+    names = {"imu": folder / "imu.csv", "long": folder / "long.csv"}
+    ended = replay("--imu", folder / "imu.csv", *(a.format(**names) for a in arguments))
     assert ended.returncode == code, ended.stderr
     assert says in ended.stderr
     assert b"Traceback" not in ended.stderr
+    assert len(ended.stderr) < 2000
+
+
+def test_an_output_stays_as_it_was_if_an_input_is_bad(drive, tmp_path):
+    folder, _ = drive
+    (tmp_path / "heading.csv").write_text("no,heading\n1,2\n")
+    (tmp_path / "est.csv").write_text("of an earlier run")
+    inputs = ("--imu", folder / "imu.csv", "--gnss", folder / "gnss.csv")
+    for more in (("--aiding", f"heading={tmp_path / 'heading.csv'}"), ("--calibration", folder / "imu.csv")):
+        assert replay(*inputs, *more, "-o", tmp_path / "est.csv").returncode == 65
+        assert (tmp_path / "est.csv").read_text() == "of an earlier run"
 
 
 def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):

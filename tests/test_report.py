@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 from pathlib import Path
 
 import msgspec
@@ -234,3 +235,11 @@ def test_a_page_that_cannot_be_written_is_reported(files, capsys):
     pytest.importorskip("plotly", reason="pages need the extra imud[web]")
     assert main(["report", str(files / "est.csv"), "-o", str(files / "no" / "x.html")]) == 73
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_files_of_any_name(files, tmp_path):
+    pytest.importorskip("plotly", reason="pages need the extra imud[web]")
+    for name in (os.fsdecode(b"\xff.csv"), "<script>x</script>.csv".replace("/", "")):
+        (tmp_path / name).write_bytes((files / "est.csv").read_bytes())
+        assert main(["report", str(tmp_path / name), "-o", str(tmp_path / "x.html")]) == 0
+        assert "<script>x" not in (tmp_path / "x.html").read_text(encoding="utf-8")

@@ -121,3 +121,10 @@ def test_what_is_drawn_loses_no_spike(n, seed):
     assert len(take) <= max(100, min(n, 100)) and (np.diff(take) > 0).all()
     if n > 1:
         assert (np.nanmin(y[take]), np.nanmax(y[take])) == (np.nanmin(y), np.nanmax(y))
+
+
+def test_stamps_that_are_bunched_at_the_start_are_no_gaps_in_all_the_rest():
+    rows = still()
+    rows["t_ns"][:100] = rows["t_ns"][100] - np.arange(100, 0, -1) * 100_000
+    assert watched(rows).rate_hz == pytest.approx(100.0)
+    assert "gaps" not in said(sensors=(watched(rows),))

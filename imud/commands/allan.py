@@ -154,7 +154,8 @@ def _si_results(found: Found, rate_hz: float) -> dict[str, Any]:
 
 def _settings(found: Found, recording: Path) -> str:
     """The [noise] table: for each coefficient the worst axis; one that is only bounded is left to the profile."""
-    lines = [f"# from {recording.name} by `imud allan`", "[noise]"]
+    name = recording.name if recording.name.isprintable() else ascii(recording.name)
+    lines = [f"# from {name} by `imud allan`", "[noise]"]
     for kind, units in _KINDS.items():
         for i, unit in enumerate(units):
             known = [c.value for axis in found[kind].values() if not (c := _coefficients(axis)[i]).bound]
@@ -165,7 +166,7 @@ def _settings(found: Found, recording: Path) -> str:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import BadDataError, UsageError
 from .files import input_file
 
+_SERIAL_MAX = 100  # characters
 _MG = 1e3 / 9.80665
 MAGNETOMETER = "mag"
 
@@ -51,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
 
     if not -90.0 <= args.latitude <= 90.0:
         raise UsageError(f"--latitude {args.latitude}: write degrees, -90 to 90")
+    if not (args.serial or "").isprintable() or len(args.serial or "") > _SERIAL_MAX:
+        raise UsageError(f"--serial: at most {_SERIAL_MAX} printable characters, as `imud probe` shows them")
     samples, serial = _read(args)
     folders = [args.state] if args.state else None
     known = calibration.load(serial, folders)

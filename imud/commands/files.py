@@ -29,8 +29,14 @@ def _copy_of_pipe(pipe: Path) -> Path:
 
 
 def refuse_overwriting(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
-    """Raises CannotCreateError if a file is to be written that is also read."""
+    """Raises CannotCreateError if a file is to be written that is also read, or written twice."""
     sources = [path for path in read if path is not None and path.exists()]
+    outputs: set[Path] = set()
     for path in written:
-        if path is not None and path.is_file() and any(path.samefile(source) for source in sources):
+        if path is None or (path.exists() and not path.is_file()):  # a device, such as /dev/null, takes any number
+            continue
+        if path.exists() and any(path.samefile(source) for source in sources):
             raise CannotCreateError(f"{path} is an input, and would be overwritten: choose another output")
+        if path.resolve() in outputs:
+            raise CannotCreateError(f"{path} is to be written twice: choose another name for one of the outputs")
+        outputs.add(path.resolve())

@@ -74,7 +74,9 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    refuse_overwriting([args.output, args.innovations], [args.imu, args.gnss, args.calibration, *args.recordings])
+    aiding_files = (Path(text.partition("=")[2]) for text in args.aiding)
+    inputs = [args.imu, args.gnss, args.calibration, args.config, *aiding_files, *args.recordings]
+    refuse_overwriting([args.output, args.innovations], inputs)
     if args.recordings:
         from . import replay_recordings
 
@@ -99,14 +101,14 @@ def run(args: argparse.Namespace) -> int:
     samples, origin, skipped = read_imu(args.imu, left_out[0])
     fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    aiding = _merged(_read_aiding(sources, origin), _readings(args.gnss, origin, samples, settings, estimator))
+    filter_ = Filter(estimator, settings, initial, rate_hz)
+    if args.calibration is not None:
+        filter_.calibrate(calibration.read(args.calibration))
     begin = time.perf_counter()
     with open_output(args.output) as file:
         writer = EstimateWriter(file, origin)
-        filter_ = Filter(estimator, settings, initial, rate_hz)
-        if args.calibration is not None:
-            filter_.calibrate(calibration.read(args.calibration))
         innovations: list[Records] = []
-        aiding = _merged(_read_aiding(sources, origin), _readings(args.gnss, origin, samples, settings, estimator))
         mask = _output_mask(samples["t_ns"], args.rate)
         progress = Progress(len(samples))
         if args.smooth:

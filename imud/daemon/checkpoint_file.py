@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from ..compile.hashing import digest_of
-from ..folders import boot_id, folders_for, replace_file
+from ..folders import boot_id, folders_for, read_file, replace_file
 
 _NS = 1_000_000_000
 _SUSPENDED_NS = 100_000_000  # if the two clocks differ by more, the machine was suspended and samples were lost
@@ -47,7 +47,7 @@ def take(sensor: str, port: str, max_age_ns: int) -> bytes:
     for folder in _folders():
         with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             path = folder / _name(sensor, port)
-            head, _, checkpoint = path.read_bytes().partition(b"\n")
+            head, _, checkpoint = read_file(path).partition(b"\n")
             path.unlink()  # a checkpoint with which the daemon fails must not fail the next run, too
             header = msgspec.json.decode(head, type=_Header)
             age_ns = time.monotonic_ns() - header.monotonic_ns

@@ -20,7 +20,7 @@ from imud.drivers.sample import MOUNTING_UNKNOWN
 
 from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError
-from ..folders import folders_for
+from ..folders import folders_for, read_file
 from ..math.rotation import dcm_of_quat, quat_of_euler
 from .magnetometer import REMAINING_T
 
@@ -207,10 +207,11 @@ def _name(serial: str) -> str:
 
 
 def load(serial: str, where: list[Path] | None = None) -> Calibration:
-    """The calibration of the sensor `serial`, empty if there is none. Raises BadDataError for a broken file."""
+    """The calibration of the sensor `serial`, empty if there is none. Raises as `read` does if there is one."""
     for folder in folders() if where is None else where:
-        with contextlib.suppress(InputMissingError):
-            return read(folder / _name(serial))
+        path = folder / _name(serial)
+        if os.path.lexists(path):
+            return read(path)
     return Calibration(serial)
 
 
@@ -227,10 +228,10 @@ def of(identity: Identity) -> Calibration:
 def read(path: Path) -> Calibration:
     """The calibration in a file. Raises InputMissingError, BadDataError."""
     try:
-        return msgspec.convert(tomllib.loads(path.read_text()), Calibration)
+        return msgspec.convert(tomllib.loads(read_file(path).decode()), Calibration)
     except OSError as error:
         raise InputMissingError(f"{path} cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, other keys or values; nested too deeply
         raise BadDataError(f"{path} is no calibration: {error}; calibrate again or delete it") from error
 
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import boot_id, folders_for, replace_file
+from ..folders import boot_id, folders_for, read_file, replace_file
 from .calibration import Triple
 from .profiles import Profile
 
@@ -72,7 +72,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
     """The stored biases of the sensor `serial`, aged to `now_ns`; None: none that can be used."""
     for folder in folders_for("state"):
         with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
-            stored = msgspec.json.decode((folder / _name(serial)).read_bytes(), type=_File)
+            stored = msgspec.json.decode(read_file(folder / _name(serial)), type=_File)
             age_s = (now_ns - stored.monotonic_ns) * 1e-9
             same = (stored.serial, stored.boot_id, stored.correction) == (serial, boot_id(), _numbers(correction))
             if same and 0.0 <= age_s <= MAX_AGE_S and stored.biases.is_plausible:

@@ -116,13 +116,13 @@ def _number(line: int, cells: Sequence[str], column: int, name: str) -> float:
     if column >= len(cells):
         raise ValueError(f"line {line}: {len(cells)} columns, {name} is missing")
     text = cells[column].strip()
+    shown = text if len(text) < _SHOWN else f"{text[:_SHOWN]}…"
     try:
         value = float(text)
     except ValueError:
-        shown = text if len(text) < _SHOWN else f"{text[:_SHOWN]}…"
         raise ValueError(f"line {line}: {name} is {shown!r}, not a number") from None
     if not abs(value) < _LARGEST:
-        raise ValueError(f"line {line}: {name} is {text}")
+        raise ValueError(f"line {line}: {name} is {shown}")
     return value
 
 

@@ -20,7 +20,7 @@ BITS = 16
 LOSSES_MAX = 100
 _POSITION = ("lat_deg", "lon_deg")
 _SENSED = ("t_s", "wx", "wy", "wz", "fx", "fy", "fz", "interval_ms", "temperature_c")
-_RATE_SAMPLES = 64  # from which the rate is computed
+_RATE_SAMPLES = 4096  # from which the rate is computed: stamps of the first ones may be bunched on a busy machine
 _GAP = 2.5  # periods
 
 

@@ -97,12 +97,7 @@ def interpreted(function: Function) -> Function:
 
     As in Python, a division by zero raises ZeroDivisionError, and the root of a negative number ValueError.
     """
-    return cast(Function, _interpreted(function))
-
-
-@functools.cache
-def _interpreted(function: Any) -> Any:
-    python = function.py_func
+    python = cast(Any, function).py_func
     scope = dict(python.__globals__)
     names = python.__code__.co_names
     for name in names:
@@ -112,7 +107,7 @@ def _interpreted(function: Any) -> Any:
         elif isinstance(value, types.ModuleType):
             inside = {n: interpreted(vars(value)[n]) for n in names if isinstance(vars(value).get(n), Kernel)}
             scope[name] = types.SimpleNamespace(**inside) if inside else value  # one of kernels, as `elementary`
-    return types.FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
+    return cast(Function, types.FunctionType(python.__code__, scope, python.__name__, python.__defaults__))
 
 
 class NumbaObject:

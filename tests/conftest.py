@@ -6,6 +6,8 @@ import os
 import sys
 from pathlib import Path
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported: its threads would only wait for each other
+
 import pytest
 from hypothesis import HealthCheck, settings
 

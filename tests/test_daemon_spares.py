@@ -15,9 +15,9 @@ from imud.sensor_errors import stored_rotation as rotation_module
 from imud.sensor_errors.stored_rotation import StoredRotation
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--patient")
-
-
 CAR = ("--scenario", "car", "--patient")
+RATE_HZ = 250
+RATE = ("--set", f"imu.rate_hz={RATE_HZ}")  # of an M-G350; 1000 show nothing more
 
 
 def level(message, most_deg=1.0):
@@ -34,17 +34,18 @@ def plug_in_spare(imud, first, second, port):
 def test_a_second_sensor_is_a_spare_and_takes_over(tmp_path):
     """Its attitude begins with its own gravity, whatever the first one's biases were."""
     first, second = tmp_path / "first", tmp_path / "second"
-    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+    with daemon(tmp_path, "--port", str(first), "--port", str(second), *RATE) as imud, contextlib.ExitStack() as stack:
         with emulator("g350", *REST, "--gyro-bias-dps", "0.6,0.6,-0.6", links=[first]):
             imud.says(f"streaming port={first}")
             stack.enter_context(emulator("g350", *REST, "--gyro-bias-dps=-0.6,0.6,0.3", "--seed", "2", links=[second]))
             imud.says(f"a spare, for when {first}, the inertial sensor, is away")
             seq = imud.until(level)["seq"]
-            imud.until(lambda message: level(message) and message["seq"] > seq + 6000)
+            imud.until(lambda message: level(message) and message["seq"] > seq + 6 * RATE_HZ)
             assert "disagree" not in imud.log
         imud.says(f"streaming port={second}")
-        for wait in (0, 1000, 5000):
-            seq = imud.until(lambda message, least=seq + wait: level(message) and message["seq"] > least)["seq"]
+        for wait_s in (0, 1, 5):
+            least = seq + wait_s * RATE_HZ
+            seq = imud.until(lambda message, least=least: level(message) and message["seq"] > least)["seq"]
             est = imud.until(level)
             assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
             assert est["pitch_deg"] == pytest.approx(-5.0, abs=4.0 * est["spitch_deg"])
@@ -54,7 +55,7 @@ def test_a_second_sensor_is_a_spare_and_takes_over(tmp_path):
 
 def test_one_in_use_whose_rates_gravity_contradicts_is_replaced_by_the_spare(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
-    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+    with daemon(tmp_path, "--port", str(first), "--port", str(second), *RATE) as imud, contextlib.ExitStack() as stack:
         stack.enter_context(emulator("g350", *REST, "--faults", "bias=6@25-", links=[first]))
         imud.says(f"streaming port={first}")
         stack.enter_context(emulator("g350", *REST, "--seed", "2", links=[second]))
@@ -69,7 +70,7 @@ def test_one_in_use_whose_rates_gravity_contradicts_is_replaced_by_the_spare(tmp
 
 def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once_it_is_in_use(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
-    with daemon(tmp_path, "--port", str(first), "--port", str(second)) as imud, contextlib.ExitStack() as stack:
+    with daemon(tmp_path, "--port", str(first), "--port", str(second), *RATE) as imud, contextlib.ExitStack() as stack:
         used = stack.enter_context(contextlib.ExitStack())
         used.enter_context(emulator("g350", *REST, links=[first]))
         imud.says(f"streaming port={first}")
@@ -85,7 +86,7 @@ def test_a_spare_that_sits_otherwise_than_the_settings_say_is_reported_also_once
         imud.says(f"inertial sensor on {second}: disagreed with {first} until that went away: see imu.mounts")
         imud.says("roll and pitch are lost")
         est = imud.until(lambda message: message["class"] == "EST" and "aligning" in message["state"])
-        est = imud.until(lambda message: message["class"] == "EST" and message["seq"] > est["seq"] + 5000)
+        est = imud.until(lambda message: message["class"] == "EST" and message["seq"] > est["seq"] + 5 * RATE_HZ)
         assert "aligning" in est["state"] and est["sroll_deg"] == pytest.approx(180.0), "nobody knows how it sits"
 
 

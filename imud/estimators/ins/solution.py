@@ -97,13 +97,13 @@ def likely_drift(c: Core, axis: int) -> tuple[float, float]:
 
 @kernel
 def unknown_time_offset(c: Core, axis: int) -> float:
-    """What the time offset's variance adds to the stated variance of a position, m^2, during coarse alignment.
+    """What an unknown time offset adds to the stated variance of a position, m^2, during coarse alignment.
 
     Then the position is that of the epoch of the fixes; while navigating P has this part.
     """
     if c.alignment.mode == NAVIGATING or c.gnss.last_used_ns == NEVER_NS:
         return 0.0
-    return float(variance(c, TIME_OFFSET) * c.nav.v_n[axis] ** 2)
+    return float((variance(c, TIME_OFFSET) + c.scratch.fix_age_error2) * c.nav.v_n[axis] ** 2)
 
 
 @kernel

@@ -54,6 +54,18 @@ def replace_file(path: Path, content: bytes) -> None:
         raise
 
 
+def save_in(folders: list[Path], name: str, content: bytes) -> None:
+    """`replace_file` in the first of the folders that may be written. Raises OSError if there is none."""
+    refused = OSError("there is no folder for state")
+    for folder in folders:
+        try:
+            replace_file(folder / name, content)
+            return
+        except OSError as error:
+            refused = error
+    raise refused
+
+
 def boot_id() -> str:
     """Of the machine, another one after each boot."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

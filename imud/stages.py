@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from imud.drivers import elementary
 from imud.drivers.driver import ImuDriver
 from imud.drivers.sample import MOUNTING_UNKNOWN, SAMPLE
 
@@ -107,8 +108,11 @@ def _has_none(state: Any, innovations: Any) -> int:
 
 
 @kernel
-def withdraw_attitude(sample: Any, solution: Any) -> None:
-    """The attitude of a sensor is the body's only where its mounting is known."""
+def add_mounting(sample: Any, errors: Any, solution: Any) -> None:
+    """The attitude of a sensor is the body's only where its mounting is known, and as well as that is known."""
+    if errors.mounting_sigma > 0.0:
+        for i in range(3):
+            solution.sigma_rpy[i] = elementary.hypot(solution.sigma_rpy[i], errors.mounting_sigma)
     if sample.flags & MOUNTING_UNKNOWN != 0:
         solution.status &= ~(ATTITUDE_VALID | HEADING_VALID)
         for i in range(3):
@@ -142,7 +146,7 @@ def _stepper(step: Kernel) -> Kernel:
             check_sample(health[0], samples[k])
             correct(samples[k], errors[0])
             step(p[0], s[0], samples[k], out[k])
-            withdraw_attitude(samples[k], out[k])
+            add_mounting(samples[k], errors[0], out[k])
 
     set_unique_name(step_batch, step)
     return inlined(step_batch)
@@ -206,7 +210,7 @@ def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kerne
                 check_sample(health[0], samples[k])
                 correct(samples[k], errors[0])
                 step(p[0], s[0], samples[k], out[k])
-                withdraw_attitude(samples[k], out[k])
+                add_mounting(samples[k], errors[0], out[k])
         return n
 
     set_unique_name(feed, step, update, aid, pending)

@@ -47,18 +47,17 @@ def simulate(
 
 def _accumulated(first: Floats, steps: Floats) -> Floats:
     """Quaternions (scalar last) of `first` turned by steps 1, 1-2, 1-3, … (step 0 ends at the start)."""
-    out = np.empty_like(steps)
     x, y, z, w = (float(c) for c in first)
-    for k, (a, b, c, d) in enumerate(steps.tolist()):
-        if k:
-            x, y, z, w = (
-                w * a + x * d + y * c - z * b,
-                w * b - x * c + y * d + z * a,
-                w * c + x * b - y * a + z * d,
-                w * d - x * a - y * b - z * c,
-            )
-        out[k] = x, y, z, w
-    return out
+    out = [(x, y, z, w)]
+    for a, b, c, d in steps[1:].tolist():
+        x, y, z, w = (
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        )
+        out.append((x, y, z, w))
+    return np.array(out)
 
 
 @dataclass(frozen=True)

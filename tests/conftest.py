@@ -3,7 +3,10 @@
 import contextlib
 import importlib.util
 import os
+import sys
 from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported: its threads would only wait for each other
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -12,6 +15,9 @@ from imud.compile import library, numba_cache
 
 if importlib.util.find_spec("numba"):  # some machines have none: there the kernels come compiled
     numba_cache.prepare()
+# each worker, and each process that a test starts, would compile all modules anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 slow = [HealthCheck.too_slow]  # under emulation it may be
 # in CI the same examples each time, so that a failure can be repeated; elsewhere chance looks for new ones
 settings.register_profile("imud", deadline=None, derandomize="CI" in os.environ, suppress_health_check=slow)
@@ -31,16 +37,26 @@ FIRST = (
 
 
 def pytest_collection_modifyitems(items):
-    """Sort by file: FIRST, then the others as they are found."""
+    """Sort by file: FIRST, then the others by name."""
     places = {f"test_{name}.py": place for place, name in enumerate(FIRST)}
-    items.sort(key=lambda item: places.get(item.path.name, len(FIRST)))
+    items.sort(key=lambda item: (places.get(item.path.name, len(FIRST)), item.path))
 
 
 def pytest_configure(config):
     """Compile the kernels before the workers start: all of them need them at once."""
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process that a test starts compiles all modules
     if not hasattr(config, "workerinput"):
         library.library()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Begin with other files in each worker: all collect all of them, and find the bytecode that the others wrote."""
+    report = yield
+    if isinstance(collector, pytest.Dir) and hasattr(collector.config, "workerinput"):
+        worker, workers = int(collector.config.workerinput["workerid"][2:]), collector.config.workerinput["workercount"]
+        begin = len(report.result) * worker // workers
+        report.result = report.result[begin:] + report.result[:begin]
+    return report
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from imud.recording.file import RecordingFile
 
 STEP_S = 0.016
 TICK_HZ = 2000.0
+MESSAGE_READS = 64  # about a second's, as the daemon writes them
 
 
 def record(path, signal, seconds, ideal=False, rate_hz=125.0, gap_s=(0.0, 0.0), **biases):
@@ -28,13 +29,16 @@ def record(path, signal, seconds, ideal=False, rate_hz=125.0, gap_s=(0.0, 0.0), 
     connection = Connection(_ns(wire), 0, "/dev/emulated", True, "imu", driver.name, to_builtins(configured))
     file.write("/connections", _ns(wire), msgspec.json.encode(connection))
     wire.outgoing.clear()
-    begin = wire.now_s
+    begin, reads = wire.now_s, []
     while wire.now_s - begin < seconds:
         wire.pass_time(STEP_S)
         data = bytes(wire.outgoing)
         wire.outgoing.clear()
         if not gap_s[0] <= wire.now_s - begin < gap_s[1]:
-            file.write(READS, _ns(wire), Reads.of([(0, Raw(_ns(wire), data))]).encode())
+            reads.append((0, Raw(_ns(wire), data)))
+    for first in range(0, len(reads), MESSAGE_READS):
+        message = reads[first : first + MESSAGE_READS]
+        file.write(READS, message[0][1].t_ns, Reads.of(message).encode())
     file.finish()
     return configured.identity
 

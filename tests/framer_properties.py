@@ -2,8 +2,11 @@
 grows, and a good frame is neither lost nor held back because of bad bytes before it. Devices bring the streams.
 """
 
+from functools import cache
+
 import numpy as np
 from hypothesis import strategies as st
+from in_c import in_c
 
 from imud.drivers.sample import SAMPLE
 
@@ -12,11 +15,14 @@ CAPACITY = st.integers(1, 7)
 KEPT = 64  # bytes that a kernel may keep
 
 
+in_c = cache(in_c)
+
+
 class Decoder:
     """A driver's kernel with its buffers; collects samples."""
 
     def __init__(self, driver, configured, capacity=256, room=1 << 17):
-        self._decode, self.state = driver.decode, driver.new_state(configured)
+        self._decode, self.state = in_c(driver.decode), driver.new_state(configured)
         self.rx = np.zeros(room, np.uint8)
         self.batch = np.zeros(capacity, SAMPLE)
         self.samples = []

@@ -2,7 +2,7 @@
 
 import numpy as np
 from golden_data import HEADED, between, data, moved, navigated, random, road, seconds, silent
-from navigation_simulation import received, sensed
+from navigation_simulation import at_antenna, received, sensed
 
 
 def no_velocity():
@@ -180,6 +180,24 @@ def latency():
     rng = random(12)
     samples = sensed(d, rng)
     return navigated(samples, received(d, rng, late=0.4, stamp=0.25, lag=0.2), HEADED)
+
+
+def late_stamps():
+    """By a second from the start on: the age is found before the heading; two are missing, the velocity is rough."""
+    samples, fixes = data(seed=89, stamp=1.0, speed_sigma=0.35)
+    fixes = fixes[~between(fixes, 15.5, 17.5)]
+    fixes["arrival_ns"] = np.maximum(fixes["arrival_ns"], fixes["t_ns"])
+    return navigated(samples, fixes)
+
+
+def late_positions():
+    """By 0.6 s from the start on, with positions alone, of an antenna beside the sensor."""
+    d, rng, lever = road(110.0), random(87), (0.5, -0.4, -1.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.5, sigma=0.02, white=0.01, hdop=0.05)
+    fixes = silent(at_antenna(d, fixes, np.array(lever)))
+    fixes["t_ns"] += 600_000_000
+    fixes["arrival_ns"] = np.maximum(fixes["arrival_ns"], fixes["t_ns"])
+    return navigated(samples, fixes, lever_arm_m=lever)
 
 
 def late_fixes():

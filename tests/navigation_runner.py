@@ -44,10 +44,15 @@ def fixes_of(columns, n):
     return rows
 
 
+def numbers(path):
+    """The names of a CSV file's columns, and its rows; NaN where there is no number."""
+    text = path.read_text().replace(",,", ",nan,").replace(",,", ",nan,").replace(",\n", ",nan\n")
+    head, *lines = text.splitlines()
+    return head.split(","), np.loadtxt(lines, delimiter=",", ndmin=2)
+
+
 def read(path):
-    with path.open() as file:
-        names = file.readline().strip().split(",")
-    values = np.genfromtxt(path, delimiter=",", skip_header=1)
+    names, values = numbers(path)
     return {name: values[:, i] for i, name in enumerate(names)}
 
 
@@ -99,7 +104,7 @@ def scorer():
 
 
 def truth_of(folder):
-    truth = np.genfromtxt(folder / "truth.csv", delimiter=",", skip_header=1)
+    _, truth = numbers(folder / "truth.csv")
     return truth[truth[:, 10] == 1]
 
 

@@ -60,6 +60,7 @@ INS = {
     "Scratch": core.SCRATCH,
     "Snapshot": core.SNAPSHOT,
     "Core": core.CORE,
+    "FixAge": alignment.FIX_AGE,
     "HypothesisBank": alignment.HYPOTHESIS_BANK,
     "StoredMeasurement": core.STORED_MEASUREMENT,
     "State": core.STATE,

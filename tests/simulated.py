@@ -37,12 +37,23 @@ def circle(_roll, _pitch, _yaw):
 PATHS = {**SCENARIOS, "circle": circle}
 
 
+class Remembering:
+    """A trajectory whose state at a time is computed once: each run's receiver asks for the same times."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self._at = cache(lambda t: trajectory.at(np.array([t])))
+
+    def at(self, t: np.ndarray) -> Truth:
+        """See `Trajectory.at`; of one time, array (1,)."""
+        return self._at(t.item())
+
+
 @dataclass(frozen=True)
 class Motion:
     """A scenario at `rate_hz`, without errors. signal: (n, 6) rates rad/s and forces m/s^2; t in s."""
 
     t: np.ndarray
-    trajectory: Trajectory
+    trajectory: Remembering
     truth: Truth
     signal: np.ndarray
 
@@ -53,7 +64,7 @@ def motion(scenario, seconds, rate_hz, rpy=(0.0, 0.0, 0.0), place=PLACE):
     t = np.arange(round(seconds * rate_hz)) / rate_hz
     # a sample is the mean over the period that ends with it: Simpson's rule
     before, middle, now = (trajectory.imu(t - part / rate_hz) for part in (1.0, 0.5, 0.0))
-    return Motion(t, trajectory, trajectory.at(t), (before + 4.0 * middle + now) / 6.0)
+    return Motion(t, Remembering(trajectory), trajectory.at(t), (before + 4.0 * middle + now) / 6.0)
 
 
 def sensed(m, rng, grade: Grade = M_G350):

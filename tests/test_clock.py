@@ -7,16 +7,31 @@ import pytest
 import scipy.stats
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from in_c import in_c
 
 from imud.clocks.counter import new_clock, stamp
+from imud.drivers.jit import kernel
 from imud.sensors.inertial import Inertial
 
 PERIOD_NS = 1_000_000
 
 
+@kernel
+def stamp_all(clock, ticks, arrivals, out):
+    for i in range(len(ticks)):
+        out[i] = stamp(clock, ticks[i], arrivals[i])
+
+
+stamp_all = in_c(stamp_all)
+
+
 def stamps(ticks, arrivals, delay_ns=0.0, clock=None):
     clock = new_clock(PERIOD_NS, delay_ns) if clock is None else clock
-    return np.array([stamp(clock[0], int(k), int(a)) for k, a in zip(ticks, arrivals, strict=True)]), clock
+    ticks, arrivals = (np.asarray(values).astype(np.int64) for values in (ticks, arrivals))
+    assert len(ticks) == len(arrivals)
+    out = np.empty(len(ticks), np.int64)
+    stamp_all(clock[0], ticks, arrivals, out)
+    return out, clock
 
 
 def device(n, clock_error=0.0, jitter_ns=5e6, seed=1, start_ns=10**15):

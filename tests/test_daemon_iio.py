@@ -55,7 +55,7 @@ def test_a_device_that_is_unplugged_and_scans_that_are_lost(tmp_path, root):
 def test_a_trigger_that_is_lost_and_comes_back(tmp_path, root):
     with kernel(root, "bmi160", *TILTED, "--faults", "trigger@8-13") as running:
         assert running.stdout.readline()
-        with daemon(tmp_path, "--port", "iio:bmi160") as imud:
+        with daemon(tmp_path, "--port", "iio:bmi160", "--set", "imu.rate_hz=200") as imud:
             before = tilt_of(imud)
             imud.says("sends nothing more of use")
             imud.says("it has no trigger")

@@ -2,11 +2,23 @@
 
 from functools import cache
 
+import numpy as np
 import pytest
-from fault_matrix import FAULTS, OF_COMPASSES, SOURCES, cell, harm, together
+from fault_matrix import FAULTS, OF_COMPASSES, SOURCES, cell, harm, scene, settings_of, together
+from test_navigation_aiding import estimated, live
 from vehicle_simulation import LAND
 
 MOST = 2.0  # times the RMS error without the source
+
+
+def test_all_sources_in_blocks_give_what_each_measurement_by_itself_does():
+    d, samples, fixes = scene(1)
+    rows = np.concatenate([make(d, np.random.default_rng(1)) for make in SOURCES.values()])
+    settings = settings_of("two wheels")
+    for one_by_one, in_blocks in zip(
+        live(samples, fixes, rows, settings), estimated(samples, fixes, rows, settings), strict=True
+    ):
+        assert one_by_one.tobytes() == in_blocks.tobytes()
 
 
 @cache

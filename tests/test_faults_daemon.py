@@ -14,6 +14,7 @@ from imud.recording.messages import ESTIMATE_TABLE
 from imud.recording.source import Recording
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.2,-0.2,0.2")
+CALM = ("--set", "imu.rate_hz=250")  # faults of a line and of a sensor show as well as at 1000
 DAMAGE = ",".join(f"{kind}=0.005" for kind in ("cut", "flip", "drop", "dup", "header", "cr"))
 
 
@@ -29,7 +30,7 @@ def test_unplugging_a_reset_and_damage_cost_neither_attitude_nor_descriptors(tmp
     imu = tmp_path / "imu"
     faults = f"{DAMAGE},reset@9.5,unplug@14-14.3/4"
     with (
-        daemon(tmp_path, "--port", f"{imu}:epson@460800") as imud,
+        daemon(tmp_path, "--port", f"{imu}:epson@460800", *CALM) as imud,
         emulator("g350", *REST, "--accel-bias-mg", "0,0,0", "--faults", faults, links=[imu]),
     ):
         imud.until(is_settled)
@@ -83,7 +84,7 @@ def test_a_scenario_that_is_none_is_misuse(port, says):
 def test_another_sensor_on_the_port_is_not_taken_for_the_one_before(tmp_path):
     imu = tmp_path / "imu"
     port = f"{imu}:epson@460800"
-    with daemon(tmp_path, "--port", port) as imud:
+    with daemon(tmp_path, "--port", port, *CALM) as imud:
         with emulator("g350", "--no-identity", "--gyro-bias-dps", "0.5,0.5,0.5", links=[imu]):
             imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
         with emulator("g350", "--gyro-bias-dps=-0.5,-0.5,-0.5", links=[imu]):
@@ -97,7 +98,7 @@ def test_after_a_replug_with_other_biases_the_attitude_is_right_by_its_sigma_liv
     faults = "unplug@14-17,reset@15,bias=0.2@15"  # deg/s: what a power-on may do to an M-G350
     record = ("--record", str(recording), "--set", "record.estimate_rate_hz=0")
     with (
-        daemon(tmp_path, "--port", f"{imu}:epson@460800", *record) as imud,
+        daemon(tmp_path, "--port", f"{imu}:epson@460800", *record, *CALM) as imud,
         emulator("g350", *REST, "--accel-bias-mg", "0,0,0", "--faults", faults, links=[imu]),
     ):
         before = imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
@@ -128,7 +129,7 @@ def test_a_daemon_that_was_killed_knows_the_biases_if_the_sensor_was_not_switche
     imu = tmp_path / "imu"
     port = f"{imu}:epson@460800"
     with emulator("g350", *REST, "--faults", faults, links=[imu]):
-        with daemon(tmp_path, "--port", port) as imud:
+        with daemon(tmp_path, "--port", port, *CALM) as imud:
             imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
             while not any(settled(path) for path in (tmp_path / "state").rglob("biases-*.json")):
                 imud.until(lambda m: m["class"] == "EST")
@@ -138,7 +139,7 @@ def test_a_daemon_that_was_killed_knows_the_biases_if_the_sensor_was_not_switche
                 imud.until(lambda m: m["class"] == "EST")
             imud.process.kill()
             imud.process.wait()
-        with daemon(tmp_path, "--port", port) as imud:
+        with daemon(tmp_path, "--port", port, *CALM) as imud:
             first = imud.until(lambda m: m["class"] == "EST")
             assert (first["sbgx_dps"] < 0.1) == known
             if known:

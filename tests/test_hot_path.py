@@ -45,7 +45,7 @@ def watched(tmp_path_factory):
         process(*command, *outputs, stderr=log, env={**os.environ, "NO_COLOR": "1"}) as running,
     ):
         deadline = time.monotonic() + START_S
-        while not stream.exists():
+        while " ready " not in (folder / "log").read_text():
             assert running.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.05)

@@ -5,11 +5,14 @@ import math
 import numpy as np
 import pymap3d
 import pytest
+from in_c import in_c
 from navigation_simulation import RATE, curvature, drive, normal_gravity
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.ins.core import CORE
 from imud.estimators.ins.mechanization import integrate_strapdown, wrap_angle
+
+integrate_strapdown = in_c(integrate_strapdown)
 
 
 def core_at(lat, lon, height, v, attitude, w, f):
@@ -43,15 +46,16 @@ def earth_centred(lat, lon, height, v, attitude, w, f, dt, substeps=4):
         return ned_of(la, lo).T @ np.array([0.0, 0.0, normal_gravity(la, h)])
 
     h = dt / substeps
+    half_back, back = (Rotation.from_rotvec(-spin * part) for part in (h / 2, h))
     for k in range(1, len(w)):
         for j in range(substeps):
             s = (j + 0.5) / substeps
             wm, fm = w[k - 1] + s * (w[k] - w[k - 1]), f[k - 1] + s * (f[k] - f[k - 1])
-            half = Rotation.from_rotvec(-spin * h / 2) * c * Rotation.from_rotvec(wm * h / 2)
+            half = half_back * c * Rotation.from_rotvec(wm * h / 2)
             middle = u + 0.5 * h * (c.apply(fm) + pull(r) - 2 * np.cross(spin, u))
             u_new = u + h * (half.apply(fm) + pull(r + 0.5 * h * u) - 2 * np.cross(spin, middle))
             r = r + 0.5 * h * (u + u_new)
-            c = Rotation.from_rotvec(-spin * h) * c * Rotation.from_rotvec(wm * h)
+            c = back * c * Rotation.from_rotvec(wm * h)
             u = u_new
     la, lo, ht = pymap3d.ecef2geodetic(*r, deg=False)
     return la, lo, ht, ned_of(la, lo) @ u, Rotation.from_matrix(ned_of(la, lo)) * c

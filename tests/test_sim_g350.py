@@ -201,7 +201,8 @@ def test_rates_and_count_steps(code, rate):
         assert set(np.diff(counts) % 65536) == {step}
 
 
-def test_frames_leave_on_the_grid_of_the_device_clock_for_an_hour():
+def test_frames_leave_on_the_grid_of_the_device_clock_for_an_hour(monkeypatch):
+    monkeypatch.setattr(ImuErrors, "measure", lambda self, signal, t: np.zeros((len(t), 6)))  # only times matter here
     unit = device(oscillator=1.0 + 50e-6)
     start(unit, rate=7, taps=7)
     unit.advance(READY + 3600.0)

@@ -88,11 +88,11 @@ def test_a_disk_that_stalls_gets_one_checkpoint_at_a_time(monkeypatch):
     sensor = SimpleNamespace(newest=newest[0], stream=SimpleNamespace(filter=filter_))
     configured, store = ImuConfigured(Identity("epson", ""), 1000.0, 1_000_000, 0, 0), StateStore()
     for second in range(1, 6):
-        store.save_when_due(configured, "/dev/imu", sensor, second * SECOND)
+        store.save_when_due(configured, "/dev/imu", sensor, [], second * SECOND)
     stalls.set()
     assert store._wait()
     assert saved == [b"0"]
-    store.save_when_due(configured, "/dev/imu", sensor, 6 * SECOND)
-    store.save_when_due(configured, "/dev/imu", sensor, 6 * SECOND + 500 * MS)
+    store.save_when_due(configured, "/dev/imu", sensor, [], 6 * SECOND)
+    store.save_when_due(configured, "/dev/imu", sensor, [], 6 * SECOND + 500 * MS)
     assert store._wait()
     assert saved == [b"0", b"1"]

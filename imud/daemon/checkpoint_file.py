@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from ..compile.hashing import digest_of
-from ..folders import boot_id, folders_for, read_file, replace_file
+from ..folders import boot_id, folders_for, read_file, save_in
 
 _NS = 1_000_000_000
 _SUSPENDED_NS = 100_000_000  # if the two clocks differ by more, the machine was suspended and samples were lost
@@ -31,14 +31,7 @@ def save(sensor: str, port: str, checkpoint: bytes) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     now = time.monotonic_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     header = _Header(sensor, port, boot_id(), *now, digest_of(checkpoint))
-    refused = OSError("there is no folder for state")
-    for folder in _folders():
-        try:
-            replace_file(folder / _name(sensor, port), msgspec.json.encode(header) + b"\n" + checkpoint)
-            return
-        except OSError as error:
-            refused = error
-    raise refused
+    save_in(_folders(), _name(sensor, port), msgspec.json.encode(header) + b"\n" + checkpoint)
 
 
 def take(sensor: str, port: str, max_age_ns: int) -> bytes:

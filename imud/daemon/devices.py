@@ -71,7 +71,7 @@ class Devices:
         self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
         self._store = StateStore()
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
-        self.spares = Spares(self._log.warning)  # inertial sensors
+        self.spares = Spares(self._log.warning, settings)  # inertial sensors
         self._routes = ByteRoutes(self.ports, self.in_use, self.spares, recordings, self._descriptors)
 
     def check(self) -> None:
@@ -169,7 +169,8 @@ class Devices:
             port.log_line_warning()
         self._routes.record_clock(now_ns)
         if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
-            self._store.save_when_due(configured, self.in_use.imu[0].spec.path, self.in_use.imu[1], now_ns)
+            port, sensor = self.in_use.imu
+            self._store.save_when_due(configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
         return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
 
     def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
@@ -250,11 +251,12 @@ class Devices:
     def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
         """Use this inertial sensor from now on; returns False if the estimator needs more than it measures."""
         now_ns = time.monotonic_ns()
-        known = self.spares.calibration(port, calibration_of(configured.identity))
+        number, known = self.ports.index(port), calibration_of(configured.identity)
+        known = self.spares.calibration(port, number, configured, known, self._settings, now_ns)
         stored = self._load(configured, port.spec.path, known)
         try:
             inertial = self.selection.connect(
-                port.line, driver, configured, known, self._settings, now_ns, self.ports.index(port), stored
+                port.line, driver, configured, known, self._settings, now_ns, number, stored
             )
         except UsageError as error:
             if self.selection.inertial is None:
@@ -271,13 +273,14 @@ class Devices:
     def _keep_as_spare(self, port: Port, driver: AnyDriver, configured: Configured, used: Port) -> None:
         """A device of a kind of which one is in use: an inertial sensor is compared with it, any other is closed."""
         what = f"a spare, for when {used.spec.path}, the {_PARTS[driver.kind]}, is away"
-        if driver.kind != "imu" or not isinstance(configured, ImuConfigured) or isinstance(port.line, Known):
+        imu = self.in_use.imu
+        if driver.kind != "imu" or not isinstance(configured, ImuConfigured) or not imu or isinstance(port.line, Known):
             self._closed_spares[driver.kind].add(port)
             port.release(what)
             return
         known = calibration_of(configured.identity)
         number, now_ns = self.ports.index(port), time.monotonic_ns()
-        self.spares.add(port, number, driver, configured, known, self._settings, now_ns)
+        self.spares.add(port, number, driver, configured, known, self._settings, imu, now_ns)
         self._routes.read_through_python()
         self._log.info(f"{what}; until then compared with it", port=port.spec.path)
 
@@ -309,7 +312,8 @@ class Devices:
     def close(self) -> None:
         """Close all ports."""
         if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
-            self._store.close(configured, self.in_use.imu[0].spec.path, self.in_use.imu[1])
+            port, sensor = self.in_use.imu
+            self._store.close(configured, port.spec.path, sensor, self.spares.to_store(port))
         for port in self.ports:
             port.close()
         if self.corrections is not None:

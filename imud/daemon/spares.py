@@ -12,18 +12,18 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from imud.drivers.driver import ImuConfigured, ImuDriver
 
 from ..configuration.settings import Initial, Settings
 from ..estimators import registry
 from ..pipeline import Filter, InertialPipeline
-from ..sensor_errors.calibration import UNKNOWN_MOUNTING, Calibration, Mounting, mounting_of
+from ..sensor_errors.calibration import Calibration, correction
 from ..sensor_errors.profiles import profile_of
+from ..sensor_errors.stored_rotation import StoredRotation
 from ..sensors.comparison import SensorComparison
 from ..sensors.inertial import Inertial
 from ..setup import choices
+from .relative_mountings import Mounted, RelativeMountings
 
 if TYPE_CHECKING:
     from .ports import Port
@@ -35,16 +35,15 @@ OF_SPARES = choices.WITHOUT_GYROS  # their estimator
 class Spares:
     """The spares that stream, and the comparison of all inertial sensors, by the paths of their ports."""
 
-    def __init__(self, warn: Callable[[str], None]) -> None:
+    def __init__(self, warn: Callable[[str], None], settings: Settings) -> None:
         """warn: called with what the user should know."""
-        self._warn = warn
+        self._mountings = RelativeMountings(warn, settings.imu)
         self.sensors: dict[Port, Inertial] = {}
         self.takeover_s = math.inf  # when one of them takes over
         self._comparison = SensorComparison()
         self._compared: set[str] = set()
         self._unresolved: dict[str, str] = {}  # by path: which sensor went away while they disagreed
         self._known: dict[str, Calibration] = {}  # by path: of the spares, without their relative mountings
-        self._relative: dict[str, Mounting] = {}  # by path: relative mountings
 
     def add(
         self,
@@ -54,12 +53,12 @@ class Spares:
         configured: ImuConfigured,
         calibration: Calibration,
         settings: Settings,
+        used: tuple["Port", Inertial],
         now_ns: int,
     ) -> None:
         """A spare streams on the port of that number."""
         path = port.spec.path
         self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was)}
-        self._relative.pop(path, None)
         self._known[path] = calibration
         own = choices.settings_for(settings, configured.identity, number)
         filter_ = Filter(registry.by_name(OF_SPARES), own, Initial(), configured.rate_hz)
@@ -67,6 +66,8 @@ class Spares:
         spare = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
         spare.connect(port.line, driver, configured, now_ns)
         self.sensors[port] = spare
+        self._mountings.recall(_mounted(port, spare), _mounted(*used), now_ns)
+        filter_.calibrate(self._mountings.tried_on(calibration, path))
         self._compare(port, spare)
 
     def _compare(self, port: "Port", sensor: Inertial) -> None:
@@ -76,12 +77,12 @@ class Spares:
     def remove(self, port: "Port") -> None:
         """A sensor, spare or in use, streams no more, or becomes the one in use."""
         was_spare = self.sensors.pop(port, None) is not None
-        is_reference = not was_spare and self._relative.get(port.spec.path) is not UNKNOWN_MOUNTING
+        is_reference = not was_spare and not self._mountings.is_unknown(port.spec.path)
         for path, verdict in self._comparison.verdicts.items():
             if path != port.spec.path and port.spec.path in verdict.text:
                 self._unresolved[path] = port.spec.path
                 if is_reference and "forces" in verdict.groups:
-                    self._relative.setdefault(path, UNKNOWN_MOUNTING)
+                    self._mountings.lose(path)
         for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
             self._compared.remove(path)
             self._comparison.leave(path)
@@ -99,39 +100,60 @@ class Spares:
             every = {**self.sensors, used_port: used}
             self._comparison.update({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
             for port, spare in self.sensors.items():
-                self._find_mounting(port, spare, used_port.spec.path)
+                self._find_mounting(port, spare, used_port, used)
 
-    def _find_mounting(self, port: "Port", spare: Inertial, used: str) -> None:
+    def _find_mounting(self, port: "Port", spare: Inertial, used_port: "Port", used: Inertial) -> None:
         """Turn a spare's samples into the axes of the sensor in use, where that is why the two disagree."""
-        path = port.spec.path
-        if self._relative.get(used) is UNKNOWN_MOUNTING:
+        path, reference, mountings = port.spec.path, used_port.spec.path, self._mountings
+        agree = self._comparison.agree(path, reference)
+        if mountings.is_unknown(reference):
             return
-        unknown = self._relative.get(path, UNKNOWN_MOUNTING) is UNKNOWN_MOUNTING
-        if unknown and self._comparison.agree(path, used):
-            self._relative.pop(path, None)
-        elif unknown and (found := self._comparison.rotation(path, used)) is not None:
-            self._relative[path] = mounting_of(found.matrix, (found.sigma, found.sigma, found.sigma))
-            spare.stream.filter.calibrate(self.calibration(port, self._known[path]))
-            self._compare(port, spare)
-            whole = mounting_of(spare.stream.filter.correction["turn"].reshape(3, 3), (0.0, 0.0, 0.0))
-            rpy = ", ".join(f"{angle:.1f}" for angle in whole.rpy_deg)
-            self._warn(
-                f"inertial sensor on {path} sits otherwise than the settings say: against {used} its mounting is "
-                f"[{rpy}] deg (roll, pitch, yaw), which is used from now on; set it as imu.mounts"
-            )
+        if mountings.is_recalled(path):
+            verdict = self._comparison.verdicts.get(path)
+            if verdict and "forces" in verdict.groups and reference in verdict.text:
+                mountings.contradict(path, reference)
+                self._turn(port, spare)
+            elif agree:
+                mountings.confirm(path)
+        elif not mountings.is_found(path):
+            if agree:
+                mountings.forget(path)
+            elif (found := self._comparison.rotation(path, reference)) is not None:
+                mountings.found(_mounted(port, spare), _mounted(used_port, used), found)
+                self._turn(port, spare)
 
-    def calibration(self, port: "Port", known: Calibration) -> Calibration:
-        """With the relative mounting of the sensor on that port, if it has one."""
-        relative = self._relative.get(port.spec.path)
-        return known if relative is None else msgspec.structs.replace(known, relative_mounting=relative)
+    def _turn(self, port: "Port", spare: Inertial) -> None:
+        """Its samples are turned otherwise from now on: the comparison begins anew."""
+        spare.stream.filter.calibrate(self._mountings.applied_to(self._known[port.spec.path], port.spec.path))
+        self._compare(port, spare)
+
+    def calibration(
+        self,
+        port: "Port",
+        number: int,
+        configured: ImuConfigured,
+        known: Calibration,
+        settings: Settings,
+        now_ns: int,
+    ) -> Calibration:
+        """Of a sensor that comes into use on the port of that number, with its relative mounting, if it has one."""
+        own = choices.settings_for(settings, configured.identity, number)
+        turn = correction(known, own.imu.mount_rpy_deg)["turn"].reshape(3, 3)
+        identity = configured.identity
+        self._mountings.recall_alone(Mounted(port.spec.path, identity.serial, configured.still_powered, turn), now_ns)
+        return self._mountings.applied_to(known, port.spec.path)
+
+    def to_store(self, used: "Port") -> list[StoredRotation]:
+        """How the sensors that stream sit, for the next run."""
+        return self._mountings.to_store({port.spec.path for port in (used, *self.sensors)})
 
     def findings(self, port: "Port") -> tuple[str, ...]:
         """How that sensor disagrees with others, or did with one that has gone, in words."""
         path = port.spec.path
         gone = self._unresolved.get(path)
         text = f"disagreed with {gone} until that went away: see imu.mounts" if gone else ""
-        if gone and self._relative.get(path) is UNKNOWN_MOUNTING:
-            text += "; until then its attitude is not valid"
+        if port not in self.sensors and self._mountings.is_unknown(path):
+            text = f"{text or 'how it sits is not known: see imu.mounts'}; until then its attitude is not valid"
         if (verdict := self._comparison.verdicts.get(path)) is not None:
             text = verdict.text
         return (f"inertial sensor on {path}: {text}",) if text else ()
@@ -144,3 +166,9 @@ class Spares:
     def successor(self) -> "Port | None":
         """The spare that takes over best."""
         return min(self.sensors, key=self.is_wrong, default=None)
+
+
+def _mounted(port: "Port", sensor: Inertial) -> Mounted:
+    serial = port.configured.identity.serial if port.configured else ""
+    still_powered = isinstance(port.configured, ImuConfigured) and port.configured.still_powered
+    return Mounted(port.spec.path, serial, still_powered, sensor.stream.filter.correction["turn"].reshape(3, 3).copy())

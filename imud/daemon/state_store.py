@@ -1,7 +1,7 @@
 """Stores what the filter knows of the inertial sensor and of the motion, for the next run of the daemon.
 
-Two files: the biases, which any later version can use while the sensor stays switched on; and a checkpoint of the whole
-filter, with which it goes on as after a gap in the samples.
+The biases, which any later version can use while the sensor stays switched on; a checkpoint of the whole filter, with
+which it goes on as after a gap in the samples; and how sensors sit against each other, where the settings are wrong.
 """
 
 import _thread
@@ -13,9 +13,10 @@ from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..pipeline import Stored
 from ..process.log import get_logger
-from ..sensor_errors import stored_biases
+from ..sensor_errors import stored_biases, stored_rotation
 from ..sensor_errors.calibration import Calibration, correction, of
 from ..sensor_errors.profiles import profile_of
+from ..sensor_errors.stored_rotation import StoredRotation
 from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
 from . import checkpoint_file
@@ -45,16 +46,18 @@ class StateStore:
         biases = stored_biases.load(serial, corrected, time.monotonic_ns(), profile_of(settings))
         return Stored(biases, checkpoint)
 
-    def save_when_due(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
+    def save_when_due(
+        self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
+    ) -> None:
         """Call several times a second while the sensor streams: writes the state once a second."""
         if now_ns >= self._checkpoint_ns and not self._writing.locked():
             self._checkpoint_ns = now_ns + _CHECKPOINT_NS
-            self._begin_save(configured, port, sensor, now_ns)
+            self._begin_save(configured, port, sensor, rotations, now_ns)
 
-    def close(self, configured: ImuConfigured, port: str, sensor: Inertial) -> None:
+    def close(self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation]) -> None:
         """Write the state at the end of the run."""
         if self._wait():
-            self._begin_save(configured, port, sensor, time.monotonic_ns())
+            self._begin_save(configured, port, sensor, rotations, time.monotonic_ns())
             self._wait()
 
     def _wait(self) -> bool:
@@ -64,7 +67,9 @@ class StateStore:
             self._writing.release()
         return ended
 
-    def _begin_save(self, configured: ImuConfigured, port: str, sensor: Inertial, now_ns: int) -> None:
+    def _begin_save(
+        self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
+    ) -> None:
         if sensor.newest is None or not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
             return
         checkpoint = sensor.stream.filter.checkpoint()
@@ -79,6 +84,8 @@ class StateStore:
                     checkpoint_file.save(_sensor(configured), port, checkpoint)
                 if corrected is not None:
                     stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
+                    for rotation in rotations:
+                        stored_rotation.save(rotation, now_ns)
             except OSError as error:
                 if not self._warned:
                     get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")

@@ -131,6 +131,7 @@ CORRECTION = np.dtype(
         ("accel_bias", "<f8", (3,)),  # m/s^2
         ("turn", "<f8", (9,)),  # of directions: the mounting alone
         ("flags", "<i8"),  # of every sample: MOUNTING_UNKNOWN or 0
+        ("mounting_sigma", "<f8"),  # rad, of a relative mounting; 0: there is none
         ("field", "<f8", (9,)),  # row-major, from the magnetometer's to body axes
         ("field_bias", "<f8", (3,)),  # T, its axes
         ("field_sigma", "<f8"),  # T, of a component of the corrected field; NaN: not known
@@ -156,6 +157,7 @@ def correction(
     if (relative := calibration.relative_mounting) is not None:
         turn = _rotation(relative.rpy_deg) @ turn
         c["flags"] = MOUNTING_UNKNOWN if max(relative.sigma_deg) > MAX_MOUNTING_SIGMA_DEG else 0
+        c["mounting_sigma"] = math.radians(max(relative.sigma_deg))
     field, c["field_sigma"] = _rotation(magnetometer_mount_rpy_deg), math.nan
     if (magnetometer := calibration.magnetometer) is not None:
         field, c["field_bias"] = field @ np.array(magnetometer.matrix), 1e-6 * np.array(magnetometer.bias_ut)

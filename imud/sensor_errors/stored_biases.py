@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import boot_id, folders_for, read_file, replace_file
+from ..folders import boot_id, folders_for, read_file, save_in
 from .calibration import Triple
 from .profiles import Profile
 
@@ -83,14 +83,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
 def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     content = msgspec.json.encode(_File(serial, boot_id(), now_ns, _numbers(correction), biases))
-    last_error = OSError("there is no folder for state")
-    for folder in folders_for("state"):
-        try:
-            replace_file(folder / _name(serial), content)
-            return
-        except OSError as error:
-            last_error = error
-    raise last_error
+    save_in(folders_for("state"), _name(serial), content)
 
 
 def _name(serial: str) -> str:

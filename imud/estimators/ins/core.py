@@ -18,7 +18,7 @@ from .aiding.records import (
     SOURCE_AGE,
     WHEEL_CHECK,
 )
-from .alignment.records import ALIGNMENT, HYPOTHESIS_BANK
+from .alignment.records import ALIGNMENT, FIX_AGE, HYPOTHESIS_BANK
 from .integrity.records import (
     COMPASS_OFFSET,
     DRIFT,
@@ -183,6 +183,10 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
+        (
+            "fix_age_error2",
+            "<f8",
+        ),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes only
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
         ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
         ("exponentials", "<f8", (EXPONENTIALS,)),
@@ -247,6 +251,7 @@ STATE = np.dtype(
         ("bank_count", "<i8"),  # fixes ever stored
         ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
         ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),  # by kind; change with new measurements only
+        ("fix_age", FIX_AGE),  # changes with new fixes only
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
         ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
         ("aiding_start", "<i8"),  # measurements no longer kept: the number of the oldest that is

@@ -12,6 +12,7 @@ from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .aiding.source_age import learn_age
+from .alignment.fix_age import is_fix_age_found, learn_fix_age, probable_error2, set_time_offset
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_gyro_scale
@@ -125,9 +126,17 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if s.sample_count == 0 or not is_usable(fix):
         return 0
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
+    if fix.t_ns >= s.last_epoch_ns and not too_new:
+        learn_fix_age(p, s, fix)
+    found = is_fix_age_found(p, s.fix_age)
+    if found:
+        s.last_time_offset = s.fix_age.age
     t_ns, snapshots = fusion_time(s, fix), s.snapshot_count
     if fix.t_ns < s.last_epoch_ns or too_new or not rewind_to(s, t_ns):
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+    if found:
+        set_time_offset(p, c, s.fix_age, fix)
+    c.scratch.fix_age_error2 = probable_error2(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
     return fuse_from(p, s, k, snapshots, innovations)

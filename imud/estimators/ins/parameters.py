@@ -45,6 +45,7 @@ from .aiding import (
     zero_velocity,
 )
 from .alignment import (
+    fix_age,
     heading_acceptance,
     heading_posterior,
     hypothesis_bank,
@@ -103,6 +104,7 @@ TUNABLES = (
     *levelling.TUNABLES,
     *vector_pairs.TUNABLES,
     *vector_levelling.TUNABLES,
+    *fix_age.TUNABLES,
     *velocity_pairs.TUNABLES,
     *whitening.TUNABLES,
     *hypothesis_bank.TUNABLES,

@@ -20,7 +20,7 @@ from ..records import (
 )
 from ..tuning import Tunable
 from .ekf import variance
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, POSITION, STATES, VELOCITY
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, NEVER_NS, POSITION, STATES, TIME_OFFSET, VELOCITY
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -96,14 +96,25 @@ def likely_drift(c: Core, axis: int) -> tuple[float, float]:
 
 
 @kernel
+def unknown_time_offset(c: Core, axis: int) -> float:
+    """What an unknown time offset adds to the stated variance of a position, m^2, during coarse alignment.
+
+    Then the position is that of the epoch of the fixes; while navigating P has this part.
+    """
+    if c.alignment.mode == NAVIGATING or c.gnss.last_used_ns == NEVER_NS:
+        return 0.0
+    return float((variance(c, TIME_OFFSET) + c.scratch.fix_age_error2) * c.nav.v_n[axis] ** 2)
+
+
+@kernel
 def state_sigmas(c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
     stated = c.scratch.stated_variances
     changed = False
     for i in range(3):
-        drift_p, drift_v = likely_drift(c, i)
-        p = max(variance(c, POSITION + i), 0.0) + c.integrity.position_inflation[i] + drift_p
-        v = max(variance(c, VELOCITY + i), 0.0) + drift_v
+        added_p, added_v = likely_drift(c, i)
+        added_p += c.integrity.position_inflation[i] + unknown_time_offset(c, i)
+        p, v = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
         changed |= (p != stated[i]) | (v != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
         stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p, v, bg, ba

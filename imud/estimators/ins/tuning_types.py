@@ -183,6 +183,14 @@ class Tuning:
     max_vector_chi2: float
     vector_tilt_floor: float
     vector_tilt_gate: float
+    fix_age_memory_s: float
+    fix_age_accel_sigma: float
+    fix_age_noise_weight: float
+    fix_age_residual: float
+    fix_age_prior: float
+    fix_age_tolerance: float
+    fix_age_certainty: float
+    fix_age_sigma: float
     pair_min_s: float
     pair_max_s: float
     pair_velocity_sigma: float

@@ -263,6 +263,7 @@ class Alignment:
     frame_azimuth: float
     corrected_rotation: float
     bias_correction: float
+    applied_corrections: Tensor
     corrections: Tensor
     pair_start_ns: int
     pair_start: Reals
@@ -396,6 +397,7 @@ class Scratch:
     innovations: list[Innovation]
     innovation_count: int
     age_variance: float
+    fix_age_error2: float
     stated_variances: Reals
     exp_arguments: Reals
     exponentials: Reals
@@ -457,6 +459,21 @@ class Core:
     scratch: Scratch
 
 
+class FixAge:
+    last_ns: int
+    origin_ns: int
+    place: Reals
+    velocity: Reals
+    integrals: Tensor
+    sums: Tensor
+    probability: float
+    age: float
+    variance: float
+    around: Tensor
+    acceleration: Tensor
+    corrections: Tensor
+
+
 class HypothesisBank:
     integrals: Tensor
     double_integrals: Tensor
@@ -498,6 +515,7 @@ class State:
     bank_count: int
     snapshots: list[Snapshot]
     source_ages: list[SourceAge]
+    fix_age: FixAge
     imu_ring: list[StoredSample]
     aiding_ring: list[StoredMeasurement]
     aiding_start: int

@@ -120,6 +120,9 @@ def component(C_nb: Matrix, axis: int, v: Vector | Reals) -> float:
 @kernel
 def clear_corrections(c: Core) -> None:
     """All corrections have been applied to what is kept."""
+    for j in range(3):
+        for i in range(2):
+            c.alignment.applied_corrections[j, i] += c.alignment.corrections[j, i]
     c.alignment.corrections[:] = 0.0
 
 
@@ -131,6 +134,7 @@ def clear_integrals(c: Core) -> None:
     a.integrals[:] = 0.0
     a.double_integrals[:] = 0.0
     a.corrections[:] = 0.0
+    a.applied_corrections[:] = 0.0
     a.heading_phasor[0], a.heading_phasor[1] = 1.0, 0.0
     a.origin_ns = c.nav.t_ns
 

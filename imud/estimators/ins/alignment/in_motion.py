@@ -165,7 +165,8 @@ def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
     matched = match_vectors(p, c, b, (vn, ve, velocity_of(p, fix, 2)), noise2)
     if matched and not c.stationarity.at_rest and level_with_vectors(p, c, b):
         return
-    if is_levelled(p, c) and (c.alignment.heading_sigma > 0.0 or find_heading(p, c, b)):
+    found = c.alignment.heading_sigma > 0.0
+    if is_levelled(p, c) and (found or (c.scratch.fix_age_error2 == 0.0 and find_heading(p, c, b))):
         if math.isfinite(vn) and math.isfinite(ve):  # the velocity is fused next, at the sensor, with the heading known
             for i in range(2):
                 decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import HYPOTHESES, VECTORS
+from ..state import AGES, HYPOTHESES, VECTORS
 
 ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers are north + i east
     [
@@ -18,6 +18,7 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("frame_azimuth", "<f8"),  # rad, azimuth of the level frame of q_nb in that of the integrals
         ("corrected_rotation", "<f8"),  # rad, integral of bias_correction: the frame would have rotated by it
         ("bias_correction", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
+        ("applied_corrections", "<f8", (3, 2)),  # the sum of those that the integrals have had
         (
             "corrections",
             "<f8",
@@ -85,6 +86,28 @@ HYPOTHESIS_BANK = np.dtype(
         ("inverse", "<f8", (3, 3, 2)),
         ("gain", "<f8", (3, 3, 2)),
         ("headings", "<f8", (HYPOTHESES, 3)),
+    ],
+    align=True,
+)
+
+FIX_AGE = np.dtype(  # by how much the fixes are older than their epochs, while the heading is sought; see fix_age
+    [
+        ("last_ns", "<i8"),  # epoch of the last fix that was compared
+        ("origin_ns", "<i8"),  # of the integrals then
+        ("place", "<f8", (2,)),  # rad, its latitude and longitude
+        ("velocity", "<f8", (2,)),  # m/s, north and east, its velocity, or the mean since the one before
+        (
+            "integrals",
+            "<f8",
+            (AGES, 2, 4, 2),
+        ),  # at its epoch less each age: integrals and double integrals; NaN: unknown
+        ("sums", "<f8", (AGES, 11)),  # over pairs of fixes
+        ("probability", "<f8"),  # that the time offset is wrong by more than the alignment bears
+        ("age", "<f8"),  # s, mean of the posterior
+        ("variance", "<f8"),  # s^2, of the posterior
+        ("around", "<f8", (2, 2, 4, 2)),  # scratch: the integrals of the states before and after a time
+        ("acceleration", "<f8", (4, 2)),  # scratch: change of the integrals between two fixes, by the time between
+        ("corrections", "<f8", (3, 2)),  # scratch: minus those that the integrals of a state have had
     ],
     align=True,
 )

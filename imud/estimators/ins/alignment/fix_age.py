@@ -1,0 +1,259 @@
+"""The age of fixes beyond their epochs, found before the heading: a receiver whose stamps are late by a second.
+
+While the heading is sought, a velocity that is matched with the specific force of another time gives a wrong heading,
+and the time offset is then learned with it. So before that a bank of ages compares, between two fixes, the receiver's
+acceleration A with that of the integrals of level specific force at both epochs less each age, a. Both are complex,
+north + i east, and
+
+    A = exp(i psi) a + b + noise
+
+with the unknown heading psi of the level frame and an unknown error b of tilt and accelerometer. Both are eliminated by
+least squares. The residual energy over twice the variance of the noise is minus the log likelihood of the age, and that
+variance is estimated from the residuals of the best age. The prior is a mixture: the filter's time offset with its
+sigma, or any age at all. An age proves nothing that does not explain most of the acceleration, as with a wrong lever
+arm.
+
+While an error of the time offset that the alignment does not bear is the more probable one, no heading is accepted;
+once it is certain, the time offset is set to the age, and the alignment begins again.
+
+Source: multiple-model estimation (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, 11.6), as
+in `aiding.source_age`; complex least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ....math.rotation import quat_rotate
+from ...tuning import Tunable
+from ..aiding.gnss_velocity import velocity_of
+from ..ekf import decorrelate, variance
+from ..lever_arm import velocity_of_point
+from ..mechanization import ned_difference
+from ..state import AGE_STEP_NS, AGES, COARSE_ALIGNMENT, NEVER_NS, NO_AGE, SNAPSHOTS, TIME_OFFSET
+from .force_integrals import (
+    DELTA_V,
+    Complex,
+    add_corrections,
+    add_scaled,
+    conjugate_product,
+    element,
+    multiply,
+    phasor,
+)
+from .in_motion import reset_to_fix
+from .velocity_pairs import is_levelled, restart_in_motion_alignment
+
+if TYPE_CHECKING:
+    from ...types import Fix
+    from ..types import Alignment, Core, FixAge, Imu, Nav, Parameters, State
+
+TUNABLES = (
+    Tunable("fix_age_memory_s", 60.0, "s", "Time constant of the sums over pairs.", "Gyro bias turns the level frame."),
+    Tunable("fix_age_accel_sigma", 0.1, "m/s^2", "Least noise of a pair's acceleration.", "Scale errors, vibration."),
+    Tunable("fix_age_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
+    Tunable("fix_age_residual", 0.4, "", "Largest share of the acceleration that the age may not explain.", "Choice."),
+    Tunable("fix_age_prior", 0.01, "", "Probability of any age at all.", "Choice.", high=0.5),
+    Tunable("fix_age_tolerance", 0.25, "s", "Error of the time offset that the alignment bears.", "Simulated starts."),
+    Tunable("fix_age_certainty", 0.99, "", "Probability of a larger error that is certain.", "Choice.", high=1.0),
+    Tunable("fix_age_sigma", 0.15, "s", "Largest sigma of an age that the time offset is set to.", "Choice."),
+)
+# columns of the sums over pairs: their number, and that of those in motion; a, A, conj(a) A, |a|^2, |A|^2; the stated
+# variance of A
+PAIRS, MOVING, INERTIAL, GNSS, PRODUCT, INERTIAL_SQUARE, GNSS_SQUARE, STATED_NOISE = 0, 1, 2, 4, 6, 8, 9, 10
+SUMS = 11
+LEAST_PAIRS = 5.0
+
+
+@kernel
+def store_integrals(g: FixAge, k: int, a: Alignment, nav: Nav, imu: Imu) -> None:
+    """g.around[k] <- integrals, m/s, and double integrals, m, of a state, of the antenna and without corrections."""
+    v, arm, q = velocity_of_point(nav, imu, nav.gnss_lever_arm), nav.gnss_lever_arm, nav.q_nb
+    antenna, azimuth = quat_rotate((q[0], q[1], q[2], q[3]), (arm[0], arm[1], arm[2])), phasor(a.frame_azimuth)
+    turning, place = (
+        multiply(azimuth, (v[0] - nav.v_n[0], v[1] - nav.v_n[1])),
+        multiply(azimuth, (antenna[0], antenna[1])),
+    )
+    for i in range(4):
+        for j in range(2):
+            g.around[k, 0, i, j], g.around[k, 1, i, j] = a.integrals[i, j], a.double_integrals[i, j]
+    for j in range(3):
+        for i in range(2):
+            g.corrections[j, i] = -a.applied_corrections[j, i]
+    add_corrections(g.corrections, g.around[k, 0], DELTA_V)
+    add_corrections(g.corrections, g.around[k, 1], DELTA_V)
+    add_scaled(g.around[k, 0, DELTA_V], turning, 1.0)
+    add_scaled(g.around[k, 1, DELTA_V], place, 1.0)
+
+
+@kernel
+def add_pair(g: FixAge, i: int, a: Complex, change: Complex, noise: float, moving: bool) -> None:
+    """Add the accelerations of the integrals at age i and of the fixes, m/s^2, to the sums."""
+    x, s = conjugate_product(a, change), g.sums[i]
+    s[PAIRS] += 1.0
+    s[MOVING] += 1.0 if moving else 0.0
+    s[STATED_NOISE] += noise
+    for k in range(2):
+        s[INERTIAL + k] += a[k]
+        s[GNSS + k] += change[k]
+        s[PRODUCT + k] += x[k]
+    s[INERTIAL_SQUARE] += a[0] * a[0] + a[1] * a[1]
+    s[GNSS_SQUARE] += change[0] * change[0] + change[1] * change[1]
+
+
+@kernel
+def residual_energy(g: FixAge, i: int) -> tuple[float, float]:
+    """Sums of |A - exp(i psi) a - b|^2 at age i, m^2/s^4, for the best psi and b, and of |A - mean of A|^2."""
+    s, n = g.sums[i], g.sums[i, PAIRS]
+    mean = conjugate_product((s[INERTIAL], s[INERTIAL + 1]), (s[GNSS], s[GNSS + 1]))
+    inertial2 = s[INERTIAL_SQUARE] - (s[INERTIAL] ** 2 + s[INERTIAL + 1] ** 2) / n
+    gnss2 = s[GNSS_SQUARE] - (s[GNSS] ** 2 + s[GNSS + 1] ** 2) / n
+    product = elementary.hypot(s[PRODUCT] - mean[0] / n, s[PRODUCT + 1] - mean[1] / n)
+    return max(inertial2 + gnss2 - 2.0 * product, 0.0), gnss2
+
+
+@kernel
+def compare_age(
+    c: Core, g: FixAge, i: int, earlier: int, share: float, dt: float, reported: bool, change: Complex, noise: float
+) -> None:
+    """Add the pair of the last fix and this one at age i, `share` of the way between the states in g.around.
+
+    earlier: which of these is the earlier one. A share of NaN: the integrals then are unknown.
+    """
+    last, acceleration = g.integrals[i], g.acceleration
+    before, after = g.around[earlier], g.around[1 - earlier]
+    for j in range(4):
+        for k in range(2):
+            velocity = before[0, j, k] + share * (after[0, j, k] - before[0, j, k])
+            place = before[1, j, k] + share * (after[1, j, k] - before[1, j, k])
+            if not reported:
+                velocity = (place - last[1, j, k]) / dt
+            acceleration[j, k] = (velocity - last[0, j, k]) / dt
+            last[0, j, k], last[1, j, k] = velocity, place
+    add_corrections(c.alignment.applied_corrections, acceleration, DELTA_V)
+    add_corrections(c.alignment.corrections, acceleration, DELTA_V)
+    if math.isfinite(acceleration[0, 0]) and math.isfinite(change[0]):
+        add_pair(g, i, element(acceleration, DELTA_V), change, noise, not c.stationarity.at_rest)
+
+
+@kernel
+def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
+    """Add the pair of the last fix and this one at each age.
+
+    Without a reported velocity that of the fix, and of the integrals, are the means since the last fix.
+    """
+    g, c = s.fix_age, s.core[0]
+    dt = 1e-9 * (fix.t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
+    paired, restarted = dt < p.tuning.vector_pair_max_s, g.origin_ns != c.alignment.origin_ns
+    if restarted:
+        g.sums[:] = 0.0
+    decay = elementary.exp(-dt / p.tuning.fix_age_memory_s) if paired else 1.0
+    if not paired or restarted or not is_levelled(p, c):
+        g.integrals[:] = math.nan
+    vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
+    reported = math.isfinite(vn) and math.isfinite(ve)
+    noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[0] / dt**4
+    if not reported:
+        north, east = ned_difference(c, g.place[0], g.place[1], fix.lat, fix.lon)
+        vn, ve = north / dt, east / dt
+    change = ((vn - g.velocity[0]) / dt, (ve - g.velocity[1]) / dt)
+    k, oldest = s.snapshot_count, max(0, s.snapshot_count - SNAPSHOTS)
+    before_ns, after_ns, earlier = c.nav.t_ns, c.nav.t_ns, 0
+    store_integrals(g, 0, c.alignment, c.nav, c.imu)
+    store_integrals(g, 1, c.alignment, c.nav, c.imu)
+    for i in range(AGES):
+        t_ns = fix.t_ns - (i - NO_AGE) * AGE_STEP_NS
+        while before_ns > t_ns and k > oldest:
+            k -= 1
+            e = s.snapshots[k % SNAPSHOTS]
+            if e.alignment.mode != COARSE_ALIGNMENT or e.alignment.origin_ns != c.alignment.origin_ns:
+                k = oldest
+            else:
+                after_ns, before_ns, earlier = before_ns, e.nav.t_ns, 1 - earlier
+                store_integrals(g, earlier, e.alignment, e.nav, e.imu)
+        share = (t_ns - before_ns) / max(after_ns - before_ns, 1) if before_ns <= t_ns <= after_ns else math.nan
+        for m in range(SUMS):
+            g.sums[i, m] *= decay
+        compare_age(c, g, i, earlier, share, dt, reported, change, noise)
+    g.last_ns, g.origin_ns = fix.t_ns, c.alignment.origin_ns
+    g.velocity[0], g.velocity[1], g.place[0], g.place[1] = vn, ve, fix.lat, fix.lon
+
+
+@kernel
+def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
+    """g.age, g.variance <- those of the posterior; g.probability <- of an error that the alignment does not bear."""
+    g.probability = 0.0
+    energy = np.empty(AGES)
+    best, most, accel2 = -1, 0.0, 0.0
+    for i in range(AGES):
+        most = max(most, g.sums[i, PAIRS])
+    for i in range(AGES):
+        energy[i] = math.inf
+        if most >= LEAST_PAIRS and g.sums[i, PAIRS] > 0.9 * most:
+            energy[i], gnss2 = residual_energy(g, i)
+            if best < 0 or energy[i] < energy[best]:
+                best, accel2 = i, gnss2
+    if best < 0 or energy[best] > p.tuning.fix_age_residual * accel2:
+        return
+    weight, stated = p.tuning.fix_age_noise_weight, g.sums[best, STATED_NOISE] / g.sums[best, PAIRS]
+    residuals = max(2.0 * g.sums[best, MOVING] - 4.0, 0.0)  # psi, b and the age are estimated from them
+    noise = max((energy[best] + weight * stated) / (residuals + weight), p.tuning.fix_age_accel_sigma**2)
+    step, offset = 1e-9 * AGE_STEP_NS, c.nav.time_offset
+    spread, total = variance(c, TIME_OFFSET) + step * step / 12.0, 0.0
+    for i in range(AGES):
+        total += elementary.exp(-0.5 * (step * (i - NO_AGE) - offset) ** 2 / spread)
+    mass, mean, square, wrong = 0.0, 0.0, 0.0, 0.0
+    for i in range(AGES):
+        age = step * (i - NO_AGE)
+        prior = (1.0 - p.tuning.fix_age_prior) * elementary.exp(-0.5 * (age - offset) ** 2 / spread) / total
+        likelihood = elementary.exp(-0.5 * (energy[i] - energy[best]) / (p.tuning.correlation_factor * noise))
+        posterior = (prior + p.tuning.fix_age_prior / AGES) * likelihood
+        mass += posterior
+        mean += posterior * age
+        square += posterior * age * age
+        if abs(age - offset) > p.tuning.fix_age_tolerance:
+            wrong += posterior
+    g.age = mean / mass
+    g.variance = max(square / mass - g.age * g.age, 0.0) + step * step / 12.0
+    g.probability = wrong / mass
+
+
+@kernel
+def learn_fix_age(p: Parameters, s: State, fix: Fix) -> None:
+    """Compare a fix at all ages, before the rewind to its epoch; only while the heading is sought."""
+    g, c = s.fix_age, s.core[0]
+    if c.alignment.mode != COARSE_ALIGNMENT or c.alignment.heading_sigma > 0.0:
+        g.last_ns, g.origin_ns, g.probability = NEVER_NS, NEVER_NS, 0.0
+        return
+    if g.last_ns != NEVER_NS and 1e-9 * (fix.t_ns - g.last_ns) < p.tuning.pair_min_s:
+        return
+    compare_ages(p, s, fix)
+    find_posterior(p, c, g)
+
+
+@kernel
+def is_fix_age_found(p: Parameters, g: FixAge) -> bool:
+    """Whether the time offset is wrong for certain, and the age known."""
+    return bool(g.probability > p.tuning.fix_age_certainty and g.variance < p.tuning.fix_age_sigma**2)
+
+
+@kernel
+def probable_error2(c: Core, g: FixAge) -> float:
+    """Mean square of the time offset's error, s^2, if one that the alignment does not bear is probable, else 0."""
+    return float((g.age - c.nav.time_offset) ** 2 + g.variance) if g.probability > 0.5 else 0.0
+
+
+@kernel
+def set_time_offset(p: Parameters, c: Core, g: FixAge, fix: Fix) -> None:
+    """From a rewound core: set the time offset to the age, and begin the alignment again with the fix."""
+    c.nav.time_offset = g.age
+    decorrelate(c, TIME_OFFSET, g.variance)
+    g.probability = 0.0
+    restart_in_motion_alignment(c)
+    reset_to_fix(p, c, fix)

@@ -1,0 +1,79 @@
+"""Receivers whose stamps are late, before the heading is known: what is stated, and how the age is found."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate, settings_of
+from navigation_simulation import errors, received, sensed
+from scipy.optimize import minimize_scalar
+from vehicle_simulation import vehicle
+
+from imud.compile.jit import interpreted
+from imud.estimators.ins.alignment.fix_age import add_pair, residual_energy
+from imud.estimators.ins.alignment.records import FIX_AGE
+from imud.estimators.records import HEADING_VALID, POSITION_VALID
+
+
+def start(kind, late, seed=1, survey=True, seconds=90.0, **tuning):
+    """(the drive, the solutions, the filter's time offset): positions of a survey, or of a common receiver."""
+    rng = np.random.default_rng([seed, 77])
+    d = vehicle(kind, seed, seconds)
+    samples = sensed(d, rng, bg=np.radians(rng.normal(0.0, 0.2, 3)), ba=rng.normal(0.0, 0.04, 3))
+    accuracy = {"sigma": 0.02, "white": 0.01, "hdop": 0.05} if survey else {"sigma": 1.2, "white": 0.3}
+    fixes = received(d, rng, late=0.1, stamp=late, **accuracy)
+    if survey:
+        fixes["speed"] = fixes["course"] = np.nan
+    fixes["arrival_ns"] = np.maximum(fixes["arrival_ns"], fixes["t_ns"])
+    out, _, state = navigate(samples, fixes, settings_of(tuning=tuning))
+    return d, out, float(state["core"][0, 0]["nav"]["time_offset"])
+
+
+def test_before_the_heading_is_known_the_sigma_of_the_position_has_that_of_the_time_offset():
+    d, out, _ = start("motorway", 0.2, seconds=30.0)
+    position, _, _ = errors(d, out)
+    before = ((out["status"] & POSITION_VALID) > 0) & ((out["status"] & HEADING_VALID) == 0)
+    fast = before & (np.hypot(*d.v[:, :2].T) > 8.0)
+    assert fast.sum() > 100
+    away = np.hypot(position[fast, 0], position[fast, 1])
+    stated = np.hypot(out["sigma_p"][fast, 0], out["sigma_p"][fast, 1])
+    assert away.max() > 1.5
+    assert np.all(away < 3.0 * stated)
+    assert np.all(stated < 1.0 + 0.21 * np.hypot(*d.v[fast, :2].T))
+
+
+@pytest.mark.parametrize("survey", [True, False], ids=["positions of a survey", "a receiver's velocities"])
+@pytest.mark.parametrize("kind", ["city", "walk", "drone"])
+def test_stamps_that_are_a_second_late_give_no_wrong_heading_and_are_found(kind, survey):
+    d, out, offset = start(kind, 1.0, survey=survey)
+    assert offset == pytest.approx(1.0, abs=0.1)
+    valid = (out["status"] & HEADING_VALID) > 0
+    yaw = np.abs(np.degrees(errors(d, out)[2][valid, 2]))
+    assert valid[-1]
+    assert not np.any((yaw > 5.0) & (yaw > 4.0 * np.degrees(out["sigma_rpy"][valid, 2])))
+
+
+@pytest.mark.parametrize("kind", ["city", "robot", "drone"])
+def test_right_stamps_keep_the_heading_waiting_for_nothing(kind):
+    """The same to the last bit as without the comparison, which is switched off by a prior of zero."""
+    _, out, _ = start(kind, 0.0)
+    _, without, _ = start(kind, 0.0, fix_age_prior=0.0)
+    assert (out["status"][-1] & HEADING_VALID) > 0
+    assert out.tobytes() == without.tobytes()
+
+
+def test_the_residual_energy_is_that_of_least_squares():
+    """Against numpy's solution for exp(i psi) and b, psi by search."""
+    rng = np.random.default_rng(4)
+    a = rng.standard_normal(12) + 1j * rng.standard_normal(12)
+    measured = np.exp(0.7j) * a + (0.3 - 0.1j) + 0.2 * (rng.standard_normal(12) + 1j * rng.standard_normal(12))
+    ages = np.zeros(1, FIX_AGE).view(np.recarray)[0]
+    for x, y in zip(a, measured, strict=True):
+        interpreted(add_pair)(ages, 3, (x.real, x.imag), (y.real, y.imag), 0.0, True)
+    energy, _ = interpreted(residual_energy)(ages, 3)
+
+    def residual(psi):
+        r = measured - np.exp(1j * psi) * a
+        return np.sum(np.abs(r - r.mean()) ** 2)
+
+    best = minimize_scalar(residual, bounds=(0.0, 1.5), method="bounded", options={"xatol": 1e-10})
+    assert energy == pytest.approx(best.fun, rel=1e-9)
+    assert best.x == pytest.approx(0.7, abs=0.2)

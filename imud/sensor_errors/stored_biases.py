@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import boot_id, folders_for, read_file, save_in
+from ..folders import StoredTime, boot_id, folders_for, read_file, save_in
 from .calibration import Triple
 from .profiles import Profile
 
@@ -39,7 +39,7 @@ class Biases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     serial: str
     boot_id: str
-    monotonic_ns: int
+    monotonic_ns: StoredTime
     correction: list[float]  # of samples, by calibration and mounting
     biases: Biases
 

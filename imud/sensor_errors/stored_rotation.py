@@ -12,7 +12,7 @@ import time
 import msgspec
 import numpy as np
 
-from ..folders import boot_id, folders_for, read_file, save_in
+from ..folders import StoredTime, boot_id, folders_for, read_file, save_in
 from ..math.arrays import Floats
 from .calibration import MAX_MOUNTING_SIGMA_DEG, Triple
 from .stored_biases import MAX_AGE_S
@@ -34,7 +34,7 @@ class StoredRotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     found_s: float  # UNIX time
     mountings: dict[str, Triple]  # by the settings of that run: `imu.mounts`, and "" for `imu.mount_rpy_deg`
     boot_id: str = ""
-    monotonic_ns: int = 0  # when it was used last
+    monotonic_ns: StoredTime = 0  # when it was used last
 
     @property
     def matrix(self) -> Floats:

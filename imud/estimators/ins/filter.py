@@ -12,7 +12,7 @@ from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .aiding.source_age import learn_age
-from .alignment.fix_age import is_fix_age_found, learn_fix_age, probable_error2, set_time_offset
+from .alignment.fix_age import is_fix_age_found, learn_fix_age, probable_error2, use_fix_age
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .error_model import reset_gyro_scale
@@ -135,7 +135,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if fix.t_ns < s.last_epoch_ns or too_new or not rewind_to(s, t_ns):
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
-        set_time_offset(p, c, s.fix_age, fix)
+        use_fix_age(p, c, s.fix_age, fix)
     c.scratch.fix_age_error2 = probable_error2(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix

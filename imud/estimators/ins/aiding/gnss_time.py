@@ -54,9 +54,9 @@ TUNABLES = (
 
 
 @kernel
-def clear_time_offset(c: Core, variance: float) -> None:
-    """Set the time offset to zero, with `variance` (s^2)."""
-    c.nav.time_offset = 0.0
+def set_time_offset(c: Core, seconds: float, variance: float) -> None:
+    """Set the time offset, with `variance` (s^2)."""
+    c.nav.time_offset = seconds
     decorrelate(c, TIME_OFFSET, variance)
 
 
@@ -79,7 +79,7 @@ def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> N
 @kernel
 def reset_time_offsets(p: Parameters, c: Core, fix: Fix, sigma: float) -> None:
     """As before the first fix: what was learned with a heading that was wrong from the start is wrong, too."""
-    clear_time_offset(c, p.tuning.time_offset_sigma**2)
+    set_time_offset(c, 0.0, p.tuning.time_offset_sigma**2)
     set_initial_time_offset(p, c, fix, sigma)
     c.nav.velocity_time_offset = 0.0
     decorrelate(c, VELOCITY_TIME_OFFSET, p.tuning.velocity_time_offset_sigma**2)
@@ -93,5 +93,5 @@ def confirm_survey_epochs(p: Parameters, c: Core) -> None:
     """
     offset, sigma = abs(c.nav.time_offset), standard_deviation(c, TIME_OFFSET)
     if c.integrity.survey_epochs != 0 and offset + 3.0 * sigma < p.tuning.epoch_mistake_s and offset < sigma:
-        clear_time_offset(c, p.tuning.confirmed_epoch_sigma**2)
+        set_time_offset(c, 0.0, p.tuning.confirmed_epoch_sigma**2)
         c.integrity.survey_epochs = 0

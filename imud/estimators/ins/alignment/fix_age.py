@@ -32,8 +32,9 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.rotation import quat_rotate
 from ...tuning import Tunable
+from ..aiding.gnss_time import set_time_offset
 from ..aiding.gnss_velocity import velocity_of
-from ..ekf import decorrelate, variance
+from ..ekf import variance
 from ..lever_arm import velocity_of_point
 from ..mechanization import ned_difference
 from ..state import AGE_STEP_NS, AGES, COARSE_ALIGNMENT, NEVER_NS, NO_AGE, SNAPSHOTS, TIME_OFFSET
@@ -250,10 +251,9 @@ def probable_error2(c: Core, g: FixAge) -> float:
 
 
 @kernel
-def set_time_offset(p: Parameters, c: Core, g: FixAge, fix: Fix) -> None:
+def use_fix_age(p: Parameters, c: Core, g: FixAge, fix: Fix) -> None:
     """From a rewound core: set the time offset to the age, and begin the alignment again with the fix."""
-    c.nav.time_offset = g.age
-    decorrelate(c, TIME_OFFSET, g.variance)
+    set_time_offset(c, g.age, g.variance)
     g.probability = 0.0
     restart_in_motion_alignment(c)
     reset_to_fix(p, c, fix)

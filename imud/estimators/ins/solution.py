@@ -107,13 +107,24 @@ def unknown_time_offset(c: Core, axis: int) -> float:
 
 
 @kernel
+def rejected_position(c: Core, axis: int) -> tuple[float, float]:
+    """What rejected positions add to the stated variances of an axis, m^2 and m^2/s^2: the estimate may be wrong."""
+    if axis == 2:
+        return 0.0, 0.0
+    v, t = c.integrity.rejected_velocity[axis], 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    return float((v * t) ** 2), float(v * v)
+
+
+@kernel
 def state_sigmas(c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
     stated = c.scratch.stated_variances
     changed = False
     for i in range(3):
         added_p, added_v = likely_drift(c, i)
-        added_p += c.integrity.position_inflation[i] + unknown_time_offset(c, i)
+        rejected_p, rejected_v = rejected_position(c, i)
+        added_v += rejected_v
+        added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
         p, v = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
         changed |= (p != stated[i]) | (v != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])

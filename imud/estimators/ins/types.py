@@ -171,6 +171,7 @@ class Integrity:
     reject_start_ns: Integers
     outage_at_reject_s: float
     reject_offset: Reals
+    rejected_velocity: Reals
     last_position: Reals
     last_velocity: Reals
     unchanged_since_ns: int

@@ -148,6 +148,29 @@ def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> boo
 
 
 @kernel
+def inertial_velocity_variance(p: Parameters, c: Core) -> float:
+    """Variance, m^2/s^2, of an inertial velocity beyond that in P."""
+    v2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
+    return float(p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2)
+
+
+@kernel
+def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float) -> None:
+    """Store the velocity error that explains the rejected position: the estimate may be wrong instead."""
+    most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))
+    for i in range(2):
+        c.integrity.rejected_velocity[i] = min(abs(bias_free_innovation(c, i)) / max(outage_s, 1e-3), most)
+
+
+@kernel
+def clear_rejection(c: Core) -> None:
+    """A position is used: no rejected one contradicts the estimate."""
+    c.integrity.reject_count[0] = 0
+    for i in range(2):
+        c.integrity.rejected_velocity[i] = 0.0
+
+
+@kernel
 def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     """Time, s, for which the rejected positions have been consistent with the velocity, within the errors of both.
 
@@ -155,8 +178,7 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     """
     g = c.integrity
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[0])
-    v2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2
-    inertial2 = 0.0 if supported else p.tuning.inertial_velocity_error**2 + p.tuning.inertial_heading_error**2 * v2
+    inertial2 = 0.0 if supported else inertial_velocity_variance(p, c)
     inconsistent = False
     for i in range(2):
         bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
@@ -210,11 +232,12 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
-        g.reject_count[0] = 0
+        clear_rejection(c)
         return True
     g.reject_count[0] += 1
     supported, outage_s = velocity_is_supported(p, c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     consistent_s = consistent_for(p, c, supported)
+    state_rejection(p, c, supported, outage_s)
     if g.reject_count[0] == 1:
         g.outage_at_reject_s = outage_s
     if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
@@ -228,7 +251,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
     reset_velocity_drift(c)
-    g.reject_count[0] = 0
+    clear_rejection(c)
     return True
 
 

@@ -245,6 +245,7 @@ class CompassOffset:
 
 class GyroBiasStep:
     last_ns: int
+    velocity_ns: int
     heading_variance: float
     onset_ns: Integers
     information: Reals

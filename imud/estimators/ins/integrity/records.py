@@ -112,6 +112,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
+        ("velocity_ns", "<i8"),  # the last one with a velocity
         ("heading_variance", "<f8"),  # rad^2, beyond P: of a step that is likely but not detected
         ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
         ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step

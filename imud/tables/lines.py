@@ -12,7 +12,7 @@ import itertools
 import re
 import textwrap
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -66,13 +66,18 @@ class Table:
     def lines(self) -> Iterator[bytes]:
         """The rows as plain CSV, with a progress bar; a truncated gzip file just ends early."""
         progress = Progress(self.path.stat().st_size)
-        with self.path.open("rb") as raw, contextlib.ExitStack() as stack:
+        with contextlib.ExitStack() as stack:
             stack.callback(progress.clear)
+            yield from self.rows(progress.at)
+
+    def rows(self, advance: Callable[[int], object]) -> Iterator[bytes]:
+        """The same without a bar. advance: called now and then with how many bytes of the file have been read."""
+        with self.path.open("rb") as raw:
             lines = _decoded(raw, self.encoding, self.plain)
             with contextlib.suppress(EOFError, zlib.error):
                 for number, line in enumerate(lines, 1):
                     if number % _LOOK == 0:
-                        progress.at(raw.tell())
+                        advance(raw.tell())
                     if number >= self.first_row:
                         yield line if self.plain else self._rewritten(line)
 

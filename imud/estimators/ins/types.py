@@ -182,6 +182,9 @@ class Integrity:
     position_inflation: Reals
     velocity_inflation: Reals
     reset_score: float
+    position_uses: float
+    position_rejects: float
+    position_returns: float
 
 
 class ProcessNoise:

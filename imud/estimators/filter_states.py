@@ -33,7 +33,12 @@ class FilterState(NamedTuple):
     @property
     def column(self) -> str:
         """In tables, which have angles in degrees."""
-        return "_".join(filter(None, (self.name, "deg" if self.unit == "rad" else self.unit)))
+        return "_".join(filter(None, (self.name, self.shown_unit)))
+
+    @property
+    def shown_unit(self) -> str:
+        """Of `column`."""
+        return "deg" if self.unit == "rad" else self.unit
 
     @property
     def factor(self) -> float:

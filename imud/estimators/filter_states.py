@@ -18,8 +18,12 @@ PERIOD_NS = 1_000_000_000  # between two rows
 
 
 class FilterState(NamedTuple):
-    """One number. kind and part: its name, `part` if there are several of the kind; unit: SI, as names have it."""
+    """One number. group: of what it is; kind and part: its name; `part` is empty if there is only one of the kind.
 
+    unit: SI, as names have it.
+    """
+
+    group: str
     kind: str
     part: str
     unit: str
@@ -46,29 +50,45 @@ class FilterState(NamedTuple):
         return 1.0 / DEGREE if self.unit == "rad" else 1.0
 
 
-_KINDS: tuple[tuple[str, tuple[str, ...], str, str], ...] = (  # the place is its number in recordings: append only
-    ("time_offset", ("",), "s", "by which a fix is older than its epoch says"),
-    ("velocity_time_offset", ("",), "s", "by which the receiver's velocity is older than its position"),
-    ("gnss_bias", ("n", "e", "d"), "m", "correlated error of the receiver's position"),
-    ("gnss_velocity_bias", ("n", "e", "d"), "mps", "correlated error of the receiver's velocity"),
-    ("gnss_noise", ("horizontal", "vertical"), "m", "white noise of the receiver's position, learned"),
-    ("gnss_velocity_noise", ("",), "mps", "white noise of the receiver's velocity, learned"),
-    ("gnss_lever_arm", ("x", "y", "z"), "m", "antenna from the IMU, body axes"),
-    ("mount", ("pitch", "yaw"), "rad", "of the vehicle's forward axis in the body"),
-    ("nhc_lever_arm", ("",), "m", "of the IMU ahead of the point about which the vehicle turns"),
+_DELAYED = "heading", "odometer", "pose", "velocity", "body_velocity"  # sources whose age is estimated
+_KINDS: tuple[tuple[str, str, tuple[str, ...], str, str], ...] = (  # the place is its number in recordings: append only
+    ("receiver", "time_offset", ("",), "s", "by which a fix is older than its epoch says"),
+    ("receiver", "velocity_time_offset", ("",), "s", "by which the receiver's velocity is older than its position"),
+    ("receiver", "gnss_bias", ("n", "e", "d"), "m", "correlated error of the receiver's position"),
+    ("receiver", "gnss_velocity_bias", ("n", "e", "d"), "mps", "correlated error of the receiver's velocity"),
+    ("receiver", "gnss_noise", ("horizontal", "vertical"), "m", "white noise of the receiver's position, learned"),
+    ("receiver", "gnss_velocity_noise", ("",), "mps", "white noise of the receiver's velocity, learned"),
+    ("receiver", "gnss_lever_arm", ("x", "y", "z"), "m", "antenna from the IMU, body axes"),
+    ("vehicle", "mount", ("pitch", "yaw"), "rad", "of the vehicle's forward axis in the body"),
+    ("vehicle", "nhc_lever_arm", ("",), "m", "of the IMU ahead of the point about which the vehicle turns"),
     (
+        "gyros",
         "gyro_scale",
         ("xx", "yx", "zx", "xy", "yy", "zy", "xz", "yz", "zz"),
         "",
         "scale factors and misalignments of the gyros: error about the first axis per rate about the second",
     ),
-    ("odometer_scale", ("",), "", "by which the odometer's reading is too large, as a share of the speed"),
-    ("baro_offset", ("",), "m", "by which the barometer's height is too large"),
-    ("age", ("heading", "odometer", "pose", "velocity", "body_velocity"), "s", "of measurements beyond their epochs"),
-    ("velocity_noise", ("",), "mps", "process noise, learned: what vibration adds to the velocity in a second"),
-    ("attitude_noise", ("",), "rad", "process noise, learned: what vibration adds to the attitude in a second"),
+    ("aiding", "odometer_scale", ("",), "", "by which the odometer's reading is too large, as a share of the speed"),
+    ("aiding", "baro_offset", ("",), "m", "by which the barometer's height is too large"),
+    ("aiding", "age", _DELAYED, "s", "by which measurements are older than their epochs say"),
+    (
+        "vehicle",
+        "velocity_noise",
+        ("",),
+        "mps",
+        "process noise, learned: what a second's vibration adds to the velocity",
+    ),
+    (
+        "vehicle",
+        "attitude_noise",
+        ("",),
+        "rad",
+        "process noise, learned: what a second's vibration adds to the attitude",
+    ),
 )
-STATES = tuple(FilterState(kind, part, unit, about) for kind, parts, unit, about in _KINDS for part in parts)
+STATES = tuple(
+    FilterState(group, kind, part, unit, about) for group, kind, parts, unit, about in _KINDS for part in parts
+)
 PLACES = {state.name: i for i, state in enumerate(STATES)}  # in `value` and `sigma`
 
 _ERRORS = (*(f"p{axis}" for axis in "ned"), *(f"v{axis}" for axis in "ned"), *(f"a{axis}" for axis in "ned"))

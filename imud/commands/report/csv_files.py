@@ -12,11 +12,12 @@ import numpy as np
 from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError
 from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
+from imud.tables.filter_states import STATES_HEADER
 from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, header_of, read_fixes
 
 from ...math.arrays import Floats
 from .reduction import EstimateReduction, SensorReduction
-from .session import Fixes, Innovations, Part, Session
+from .session import Fixes, Innovations, Part, Session, States
 
 _BLOCK_BYTES = 4 << 20
 _LATEST_S = 9e9  # some 285 years after 1970; in ns it fits 64 bits
@@ -30,8 +31,8 @@ def read_table(path: Path, name: str, progress: Progress) -> Part:
         if set(names) <= present:
             return reader(path, name, progress)
     raise BadDataError(
-        f"{path} line 1: neither a recording nor an est.csv, innovations, imu.csv or gnss.csv; `imud replay -o est.csv "
-        "--innovations innovations.csv` writes the first two"
+        f"{path} line 1: neither a recording nor an est.csv, innovations, states, imu.csv or gnss.csv; `imud replay "
+        "-o est.csv --innovations innovations.csv --states states.csv` writes the first three"
     )
 
 
@@ -139,6 +140,14 @@ def _innovations(path: Path, name: str, progress: Progress) -> Part:
     return Part(origin, first, last, Session(innovations=tuple(found)))
 
 
+def _states(path: Path, name: str, progress: Progress) -> Part:
+    blocks = list(_blocks(path, header_of(path), progress))
+    columns = {column: np.concatenate([block[column] for block in blocks]) for column in blocks[0]}
+    first, last = float(columns["t_s"].min()), float(columns["t_s"].max())
+    origin = math.floor(first)
+    return Part(origin, first, last, Session(states=(States(name, columns | {"t_s": columns["t_s"] - origin}),)))
+
+
 def _fixes(path: Path, name: str, progress: Progress) -> Part:
     rows = read_fixes(path, 0)
     progress(path.stat().st_size)
@@ -151,6 +160,7 @@ def _fixes(path: Path, name: str, progress: Progress) -> Part:
 _READERS: tuple[tuple[Sequence[str], Callable[[Path, str, Progress], Part]], ...] = (
     (ESTIMATE_HEADER.split(","), _estimates),
     (INNOVATION_COLUMNS, _innovations),
+    (STATES_HEADER, _states),
     (IMU_COLUMNS, _samples),
     (("t_s", "lat_deg", "lon_deg", "height_m"), _fixes),
 )

@@ -17,6 +17,7 @@ from .clocks.counter import new_clock
 from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
+from .estimators.filter_states import FILTER_STATES
 from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
@@ -228,6 +229,11 @@ class Filter:
             else self.stages.pending_innovations(self.state, self._innovations)
         )
         return self._innovations[:n]
+
+    def filter_states(self) -> Records:
+        """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""
+        read = self.estimator.filter_states
+        return np.zeros(0, FILTER_STATES) if read is None else read(self.state)
 
 
 class InertialPipeline:

@@ -74,6 +74,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         for name in (
             "checkpoint",
             "error_model",
+            "filter_states",
             "integrity/alternating_receiver",
             "lever_arm",
             "setup",

@@ -14,11 +14,11 @@ from typing import Any
 from .. import __version__
 from ..configuration.settings import Gpsd
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
-from ..estimators.filter_states import STATES
 from ..outputs.addresses import Address, parse_address
 from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
 from ..sensors.limits import is_beyond
 from . import metrics
+from .notable_states import notable_states
 
 PORT = 2947
 TIMEOUT_S = 5.0
@@ -226,34 +226,9 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
             yield name, ", ".join(texts)
 
 
-_FOUND = {  # of what the filter estimates beside its solution; the rest is in JSON
-    "time_offset": "fixes late by",
-    "velocity_time_offset": "their velocity by another",
-    "gnss_bias": "receiver off by",
-    "gnss_velocity_bias": "its velocity by",
-    "gnss_lever_arm": "antenna at",
-    "mount": "pitch, yaw of the vehicle",
-    "nhc_lever_arm": "ahead of its axle by",
-}
-_UNITS = {"s": " s", "m": " m", "mps": " m/s", "deg": "°", "": ""}
-_NOTABLE = 2.0  # sigmas from zero
-
-
 def _states(found: Table) -> Iterator[tuple[str, str]]:
-    texts = list(filter(None, (_state(found, kind, label) for kind, label in _FOUND.items())))
-    if texts:
-        yield from zip_longest(["found"], textwrap.wrap(", ".join(texts), _WIDTH), fillvalue="")
-
-
-def _state(found: Table, kind: str, label: str) -> str:
-    """All parts of a kind with the largest of their sigmas, to two digits of that; empty: they may be zero."""
-    known = [state for state in STATES if state.kind == kind and f"s{state.column}" in found]
-    if not any(abs(found[state.column]) > _NOTABLE * found[f"s{state.column}"] for state in known):
-        return ""
-    sigma = max(found[f"s{state.column}"] for state in known)
-    decimals = max(1 - math.floor(math.log10(max(sigma, 1e-6))), 0)
-    values = " ".join(f"{found[state.column]:+.{decimals}f}" for state in known)
-    return f"{label} {values} ±{sigma:.{decimals}f}{_UNITS[known[0].shown_unit]}"
+    text = ", ".join(f"{label} {values}" for label, values in notable_states(found).items())
+    yield from zip_longest(["found"] if text else [], textwrap.wrap(text, _WIDTH), fillvalue="")
 
 
 _Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format

@@ -1,6 +1,7 @@
 """The messages on /states: a row of `estimators.filter_states`, without the numbers that are not known.
 
-A source that is not there costs no byte. The numbers of the fields follow from the order of STATES.
+A source that is not there costs no byte, and seven digits are enough for the others. The numbers of the fields follow
+from the order of STATES.
 """
 
 import math
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imud.drivers.protobuf import FIXED64, Field, doubles, fields, tag
+from imud.drivers.protobuf import FIXED64, Field, delimited, fields, single, tag
 
 from ..estimators.filter_states import COVARIANCES, FILTER_STATES, STATES
 from ..math.arrays import Records
@@ -18,13 +19,13 @@ _FIRST = 3  # number of the first state's value; that of its sigma is one more
 _NAMES = ["_".join(filter(None, (state.name, state.unit))) for state in STATES]
 STATES_FIELDS = (
     Field(1, "t_ns", "sfixed64", about="CLOCK_MONOTONIC of the host, ns"),
-    Field(2, "covariance", "double", True, f"upper triangle, row by row, m, m/s and rad: {' '.join(COVARIANCES)}"),
+    Field(2, "covariance", "float", True, f"upper triangle, row by row, m, m/s and rad: {' '.join(COVARIANCES)}"),
     *(
         field
         for i, (name, state) in enumerate(zip(_NAMES, STATES, strict=True))
         for field in (
-            Field(_FIRST + 2 * i, name, "double", about=state.about),
-            Field(_FIRST + 2 * i + 1, f"sigma_{name}", "double", about="1 sigma"),
+            Field(_FIRST + 2 * i, name, "float", about=state.about),
+            Field(_FIRST + 2 * i + 1, f"sigma_{name}", "float", about="1 sigma"),
         )
     ),
 )
@@ -33,10 +34,13 @@ STATES_FIELDS = (
 def states_message(row: np.void) -> bytes:
     """Of a row of FILTER_STATES."""
     parts = [tag(1, FIXED64) + struct.pack("<q", row["t_ns"])]
-    if np.isfinite(row["covariance"][-1]):
-        parts.append(doubles(2, *row["covariance"]))
-    numbers = np.column_stack([row["value"], row["sigma"]]).reshape(-1).tolist()
-    parts += [doubles(i, number) for i, number in enumerate(numbers, _FIRST) if math.isfinite(number)]
+    with np.errstate(over="ignore"):  # infinite then
+        covariance, numbers = row["covariance"].astype("<f4"), np.stack([row["value"], row["sigma"]], 1).astype("<f4")
+    if np.isfinite(covariance[-1]):
+        parts.append(delimited(2, covariance.tobytes()))
+    parts += [
+        single(i, number) for i, number in enumerate(numbers.reshape(-1).tolist(), _FIRST) if math.isfinite(number)
+    ]
     return b"".join(parts)
 
 
@@ -50,9 +54,9 @@ def states_rows(messages: Sequence[bytes]) -> Records:
             if not isinstance(value, bytes):
                 raise ValueError("it is no imud.v1.States")
             if number == 1:
-                (row["t_ns"],) = struct.unpack("<q", value)
+                (row["t_ns"],) = np.frombuffer(value, "<i8")
             elif number == 2:
-                row["covariance"] = np.frombuffer(value)
-            elif (i := number - _FIRST) < 2 * len(STATES):  # more of a later version
-                (row["sigma" if i % 2 else "value"][i // 2],) = struct.unpack("<d", value)
+                row["covariance"] = np.frombuffer(value, "<f4").reshape(len(COVARIANCES))
+            elif 0 <= (i := number - _FIRST) < 2 * len(STATES):  # there may be more in a later version
+                (row["sigma" if i % 2 else "value"][i // 2],) = np.frombuffer(value, "<f4")
     return rows

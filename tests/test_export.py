@@ -29,8 +29,8 @@ from imud.errors import BadDataError, UsageError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
-from imud.recording import tracks
 from imud.progress import Progress
+from imud.recording import tracks
 from imud.recording.file import RecordingFile
 from imud.tables.inputs import read_imu
 

@@ -66,7 +66,8 @@ def _without_curve(level: Floats, turning: Floats, down: Floats) -> Floats:
 def _from_their_sum(level: Floats, down: Floats) -> Floats:
     """The angle of each acceleration from the sum of all, without sign, rad."""
     total = level.sum(axis=0)
-    return np.abs(np.arctan2(level @ np.cross(down, total), level @ total))
+    angles: Floats = np.abs(np.arctan2(level @ np.cross(down, total), level @ total))
+    return angles
 
 
 def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:

@@ -32,6 +32,7 @@ def test_into_an_image(tmp_path, capsys):
     shown = capsys.readouterr().out
     assert all(f"write  {tmp_path / name}" in shown for name in FILES)
     assert "run " not in shown
+    assert f"systemctl --root={tmp_path} enable imud@front" in shown
 
 
 def test_a_second_time_changes_nothing(tmp_path, capsys):

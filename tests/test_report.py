@@ -56,6 +56,17 @@ def files(tmp_path):
 NAMES = ("est.csv", "innovations.csv", "imu.csv", "gnss.csv")
 
 
+def test_a_short_run_is_not_judged_but_nothing_is_wrong_with_it(tmp_path, capsys):
+    rows = np.zeros(10, INNOVATION)
+    rows["t_ns"], rows["kind"], rows["used"] = np.arange(10) * 1_000_000_000, POSITION_N, 1
+    rows["value"], rows["variance"] = WHITE[:10], 1.0
+    write_innovations(tmp_path / "innovations.csv", 1000, rows)
+    assert main(["report", str(tmp_path / "innovations.csv"), "-o", str(tmp_path / "run.html")]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "Nothing looks wrong."
+    assert said[1] == "innovations: too few innovations to judge the filter by pn_m (10); 20 are needed."
+
+
 def test_innovations_come_back_as_they_were_written(files):
     session = read([files / name for name in NAMES])
     (found,) = session.innovations

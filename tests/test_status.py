@@ -284,3 +284,9 @@ def test_another_program_is_recognised(monkeypatch, lines, says):
 def test_nobody_there(tmp_path):
     with pytest.raises(DeviceAbsentError, match=r"no daemon answers at .*start one"):
         status.run(argparse.Namespace(address=str(tmp_path / "sock"), json=False, prometheus=False))
+
+
+def test_reasons_of_refused_fixes_are_not_taken_for_settings():
+    """`gnss.age` is none: a fix whose age is not known is refused by no setting."""
+    counted = status._counted({"used": 7, "refused": {"age": 1, "max_hdop": 2}}, ("used",))
+    assert counted == "7 used, 1 refused for age, 2 refused for max_hdop"

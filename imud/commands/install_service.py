@@ -114,12 +114,19 @@ def run(args: argparse.Namespace) -> int:
             step.execute()
     except PermissionError as error:
         raise PermissionDeniedError(f"{error.filename}: not permitted; try again with sudo") from error
-    print(
-        "done: the service is gone"
-        if args.remove
-        else f"done: systemctl status imud@{args.name}, journalctl -u imud@{args.name}"
-    )
+    print(f"done: {_outcome(args)}")
     return 0
+
+
+def _outcome(args: argparse.Namespace) -> str:
+    """What is there now, and what is left to do."""
+    if args.remove:
+        return "the service is gone"
+    unit = f"imud@{args.name}"
+    if args.root != Path("/"):
+        there = args.root / _UNIT_PROGRAM.lstrip("/")
+        return f"these files only. The service starts {there}; `systemctl --root={args.root} enable {unit}` enables it"
+    return f"systemctl status {unit}, journalctl -u {unit}"
 
 
 def _confirmed() -> bool:

@@ -77,7 +77,7 @@ METRICS = (
         _PORT + r"clock\.corrections",
     ),
     Metric("imud_fixes_used_total", _COUNTER, f"Fixes given to the filter{_SINCE}.", _PORT + "used"),
-    Metric("imud_fixes_refused_total", _COUNTER, "Fixes refused, by setting.", _PORT + r"refused\.(?P<rule>.+)"),
+    Metric("imud_fixes_refused_total", _COUNTER, "Fixes refused, by reason.", _PORT + r"refused\.(?P<rule>.+)"),
     Metric(
         "imud_receiver_messages_total", _COUNTER, "Messages and epochs of a receiver by outcome.",
         _PORT + r"sentences\.(?P<outcome>(?!noise bytes).+)",

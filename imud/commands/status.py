@@ -284,7 +284,7 @@ def _rate(port: Table) -> str:
 
 
 def _counted(port: Table, names: tuple[str, ...]) -> str:
-    refused = "".join(f", {count} refused by gnss.{rule}" for rule, count in port.get("refused", {}).items())
+    refused = "".join(f", {count} refused for {rule}" for rule, count in port.get("refused", {}).items())
     return ", ".join(f"{port[name]} {name}" for name in names if name in port) + refused
 
 

@@ -108,6 +108,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
         for entry in recording.entries(Player.TOPICS):
             player.take(entry)
             progress(recording.read_bytes, recording.bytes)
+        progress(recording.bytes, recording.bytes)  # behind the last message is the file's index
         if smoother is not None:
             smoother.finish()
     if job.states is not None:

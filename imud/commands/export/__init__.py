@@ -115,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
         for folder in folders:
             folder.write_states(states.rows)
+        progress.at(1000)
         if smoother is not None:
             smoother.finish()
     if not player.samples:

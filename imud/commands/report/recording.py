@@ -140,6 +140,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
             if recording.read_bytes != done:
                 progress(recording.read_bytes - done)
                 done = recording.read_bytes
+        progress(recording.bytes - done)  # behind the last message is the file's index
         found.finish()
     except (ValueError, KeyError, TypeError) as error:
         raise BadDataError(f"{path}: a message cannot be decoded: {error}") from error

@@ -129,7 +129,8 @@ class Filter:
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
-        self.health[:] = new_health(dataclasses.replace(self._profile, **(ranges | self._given_ranges)), sensor.rate_hz)
+        profile = dataclasses.replace(self._profile, **(ranges | self._given_ranges))
+        self.health[:] = new_health(profile, sensor.rate_hz, is_device=True)
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""

@@ -1,6 +1,7 @@
 """`imud report`: its statistics against other people's, its words against runs with known faults, its page."""
 
 import asyncio
+import gzip
 import json
 import os
 from pathlib import Path
@@ -265,6 +266,29 @@ def test_bad_files_are_reported(content, code, says, tmp_path, capsys):
         path.write_text(content)
     assert main(["report", str(path), "-o", str(tmp_path / "x.html")]) == code
     assert says in capsys.readouterr().err
+
+
+TABLES = {
+    "tabs": lambda text: text.replace(",", "\t").encode(),
+    "semicolons, decimal commas": lambda text: text.replace(",", ";").replace(".", ",").encode(),
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "gzip": lambda text: gzip.compress(text.encode()),
+    "comments": lambda text: f"# a logger\n{text}".encode(),
+    "cut off": lambda text: f"{text}1030.5,1".encode(),
+    "cut off by a loss of power": lambda text: text.encode() + bytes(512),
+}
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_a_table_of_any_make_gives_the_same_report(form, files, tmp_path):
+    """As `imud replay` reads them: tests/test_tables.py."""
+    (tmp_path / "other").mkdir()
+    for name in NAMES:
+        (tmp_path / "other" / name).write_bytes(TABLES[form]((files / name).read_text()))
+    plain, other = (read([folder / name for name in NAMES]) for folder in (files, tmp_path / "other"))
+    drawn, as_drawn = (msgspec.json.encode(panels(session), enc_hook=np.ndarray.tolist) for session in (other, plain))
+    assert drawn == as_drawn
+    assert findings(other) == findings(plain)
 
 
 def test_a_page_that_cannot_be_written_is_reported(files, capsys):

@@ -72,8 +72,14 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     tuple(
         f"imud/estimators/ins/{name}.py"
         for name in (
-            *("checkpoint", "error_model", "filter_states", "lever_arm"),
-            *("setup", "solution", "source_estimates"),
+            "checkpoint",
+            "error_model",
+            "filter_states",
+            "integrity/alternating_receiver",
+            "lever_arm",
+            "setup",
+            "solution",
+            "source_estimates",
         )
     ),
     tuple(  # what has to see every step of the Kalman filter

@@ -84,13 +84,15 @@ def run(args: argparse.Namespace) -> int:
     if args.recordings:
         from . import replay_recordings
 
-        if args.imu or args.gnss:
-            raise UsageError("replay: --imu and --gnss are tables; name these or recordings, not both")
+        if args.imu or args.gnss or args.aiding:
+            raise UsageError("replay: --imu, --gnss and --aiding are tables; name these or recordings, not both")
         return replay_recordings.run(args)
-    settings = config.load(args.config, args.set)
-    initial = config.initial_of(settings, args.initial)
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
+    if args.cluster or args.jobs > 1:
+        raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
+    settings = config.load(args.config, args.set)
+    initial = config.initial_of(settings, args.initial)
     from ..batch import play
     from ..estimators import registry
     from ..pipeline import Filter

@@ -1,5 +1,6 @@
 """Allan deviation: allantools' numbers, coefficients of known noise within their own sigmas, and the command."""
 
+import html
 import json
 import math
 import os
@@ -110,13 +111,15 @@ def test_json(recording, capsys):
     assert found["gyro_x"]["N"]["value"] == pytest.approx(2 * PROFILES["m-g350"].gyro_noise, rel=0.05)
 
 
-def test_the_page(recording, tmp_path):
+def test_the_page(recording, tmp_path, capsys):
     pytest.importorskip("plotly", reason="plots need the extra imud[plots]")
     page = tmp_path / "allan.html"
     assert main(["allan", str(recording), "-o", str(page)]) == 0
     text = page.read_text()
     assert re.search(r'"type":\s*"log"', text)
     assert "averaging time" in text and "Allan deviation" in text
+    assert f"<h1>imud allan: {recording.name}</h1>" in text
+    assert html.escape(capsys.readouterr().out.strip()) in text  # the table of the terminal
 
 
 def test_motion_of_the_sensor_is_reported(recording, tmp_path, capsys):

@@ -302,3 +302,18 @@ def test_the_command(tmp_path, capsys):
         assert main([*replay, *more]) == 0
         yaw.append(float(estimates.read_text().splitlines()[-1].split(",")[9]))
     assert abs(yaw[1]) < 0.5 < abs(yaw[0])  # its model has no bias
+
+
+@pytest.mark.parametrize("rate_dps", [-5.0, 2.0, 5.0])
+@pytest.mark.parametrize("C_vs", RIGHT_HANDED[::5], ids=range(5))
+def test_a_start_in_a_slight_curve_gives_the_mounting_of_a_straight_one(C_vs, rate_dps):
+    """Closed form: with a constant a forwards and a constant rate r about down the force to the right is r a t."""
+    samples, n, rate, acceleration = drive(np.eye(3)), round(5 * RATE_HZ), math.radians(rate_dps), 2.0
+    t = np.arange(n) / RATE_HZ
+    samples["f"][n : 2 * n, 1] += rate * acceleration * t
+    samples["w"][n : 2 * n, 2] += rate
+    samples["f"], samples["w"] = samples["f"] @ C_vs, samples["w"] @ C_vs
+    matrix, sigma = mounting(samples, RATE_HZ)
+    error_deg = math.degrees(Rotation.from_matrix(matrix @ C_vs.T).magnitude())
+    assert error_deg < 0.5  # the curve alone turns the acceleration by up to 3.7 deg
+    assert 1.0 < math.degrees(sigma[2]) < 2.5

@@ -33,7 +33,9 @@ ROOT = Path(__file__).resolve().parent.parent
 )
 def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
     assert main(["run", "--check", *arguments]) == code
-    assert bool(capsys.readouterr().err) == bool(code)
+    said = capsys.readouterr()
+    assert bool(said.err) == bool(code)
+    assert said.out == ("" if code else "the configuration is valid\n")
 
 
 @pytest.mark.parametrize(("name", "waiting", "code"), [("absent", "--no-wait", 69), ("", "--wait", 74)])

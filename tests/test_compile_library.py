@@ -16,6 +16,7 @@ import pytest
 from processes import OBEYING
 
 from imud.compile import build, levels, library, seal
+from imud.drivers import registry
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -34,8 +35,9 @@ def sources(tmp_path):
 @pytest.fixture
 def sealed(sources, monkeypatch):
     root, files = sources
-    original = seal.digest
-    monkeypatch.setattr(seal, "digest", lambda files: original(files, root))
+    digest, drivers = seal.digest, seal.drivers
+    monkeypatch.setattr(seal, "digest", lambda files: digest(files, root))
+    monkeypatch.setattr(seal, "drivers", lambda: drivers(root))
     path = root / "kernels.so"
     path.write_bytes(Path(sys.executable).read_bytes()[:64] + b"code\nand more")
     seal.seal(path, files)
@@ -51,6 +53,20 @@ def test_a_library_is_loaded_only_with_the_sources_that_it_was_made_of(sealed):
     assert seal.defect(sealed) is None
     file.rename(file.with_name("c.py"))
     assert "do not" in seal.defect(sealed)
+
+
+def test_a_library_without_a_new_driver_is_not_loaded(sealed):
+    """Its kernels would be compiled by numba while the sensor's samples wait."""
+    driver = sealed.with_name("imud") / "drivers/new/driver.py"
+    driver.parent.mkdir(parents=True)
+    driver.write_text("DRIVER = None\n")
+    assert seal.defect(sealed) == "is of other sources"
+    seal.seal(sealed, ["imud/a.py", "imud/drivers/new/driver.py"])
+    assert seal.defect(sealed) is None
+
+
+def test_the_drivers_of_a_library_are_those_of_the_registry():
+    assert {Path(name).parent.name for name in seal.drivers()} == set(registry._folders())
 
 
 def test_a_damaged_library_is_not_loaded(sealed):

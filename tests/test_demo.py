@@ -8,6 +8,7 @@ import pytest
 from processes import process
 
 from imud.commands import demo as demo_command
+from imud.commands.demo import screen
 from imud.commands.demo.comparison import Comparison, Truth
 from imud.errors import ImudError
 
@@ -90,3 +91,20 @@ def test_it_ends_by_itself_with_errors_against_the_truth(tmp_path):
     assert float(values["pitch"]) < 1.0
     assert {"heading", "position", "velocity"} <= values.keys()
     assert (tmp_path / "demo.mcap").stat().st_size > 10_000
+
+
+def test_lines_and_summary_show_errors_beside_the_claimed_sigmas():
+    comparison = Comparison()
+    est = {"state": "attitude,position,height,coasting", "roll_deg": 1.0, "pitch_deg": -2.0, "sroll_deg": 0.5}
+    est |= {"spitch_deg": 3.0, "lat_deg": 3.0 / METRES, "lon_deg": 0.0, "sn_m": 3.0, "se_m": 4.0}
+    truth = {"roll_deg": 0.0, "pitch_deg": 0.0, "lat_deg": 0.0, "lon_deg": 0.0}
+    comparison.add(est, truth)
+    comparison.add(est | {"roll_deg": 7.0, "sroll_deg": 1.5}, truth)
+    shown = screen.line(est, comparison, 9.3)
+    assert shown.split() == ["9.3", "s", "+7.00", "±1.50", "-2.00", "±3.00", "-", "3.00", "±5.00", "-", "coasting"]
+    column = screen.head().index("position, m") + len("position, m")
+    assert shown[:column].endswith("±5.00")
+    assert len(screen.head()) <= 80
+    table = {words[0]: words[1:] for row in screen.summary(comparison, 2, 0.1).splitlines() if (words := row.split())}
+    assert table["roll"] == ["5.000", "1.118", "7.000", "1.500", "deg"]  # root of (1 + 49) / 2, of (0.25 + 2.25) / 2
+    assert table["heading"] == ["-", "-", "-", "-", "deg"]

@@ -8,6 +8,7 @@ import math
 import shutil
 import subprocess
 from contextlib import ExitStack
+from pathlib import Path
 from xml.etree import ElementTree
 
 import gpxpy
@@ -28,6 +29,7 @@ from imud.errors import BadDataError, UsageError
 from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
+from imud.progress import Progress
 from imud.recording import tracks
 from imud.recording.file import RecordingFile
 from imud.tables.inputs import read_imu
@@ -55,6 +57,7 @@ def exported(recording, **outputs):
 
 def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
     assert exported(recorded(tmp_path / "boat.mcap", 5), csv=tmp_path / "boat") == 0
+    assert not (tmp_path / "boat" / "states.csv").exists()
     rows = list(csv.DictReader((tmp_path / "boat" / "gnss.csv").open()))
     assert [(int(float(row["arrival_s"])), float(row["height_m"])) for row in rows] == [(s, 592.3) for s in range(1, 5)]
     assert "no samples of an inertial sensor in it: there are fixes only" in capsys.readouterr().err
@@ -63,6 +66,20 @@ def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
 def test_a_recording_with_neither_samples_nor_fixes_is_bad_data(tmp_path):
     with pytest.raises(BadDataError, match="no samples of an inertial sensor"):
         exported(recorded(tmp_path / "boat.mcap", 0), csv=tmp_path / "boat")
+
+
+@pytest.mark.parametrize("command", ["replay {} -o {}", "export {} --gpx {}", "report {} -o {}", "allan {} -o {}"])
+def test_progress_ends_at_the_end_of_the_file(tmp_path, monkeypatch, command):
+    """A bar that stops at 98 % leaves the next words of the command, or the prompt of the shell, behind it."""
+    recording, shown = tmp_path / "still.mcap", []
+    if command.startswith("report"):  # it needs estimates
+        shutil.copy(Path(__file__).parent / "corpus/recordings/json.mcap", recording)
+    else:
+        record(recording, REST, 4.0)
+    monkeypatch.setattr(Progress, "at", lambda self, done: shown.append((self, 100 * done // self._total)))
+    assert main(command.format(recording, tmp_path / "output").split()) == 0
+    bars = dict(shown)  # the last of each bar
+    assert bars and set(bars.values()) == {100}
 
 
 @pytest.mark.parametrize("group_rows", [100, 100_000])

@@ -13,7 +13,7 @@ from imud.drivers.nmea.decoder import NmeaDecoder
 from imud.drivers.sample import SUSPECT
 from imud.firmware_sim.faults.fixes import FaultyFixes
 from imud.firmware_sim.faults.sensor import FaultyErrors
-from imud.firmware_sim.faults.spec import KINDS, SpecError, help_text, parse
+from imud.firmware_sim.faults.spec import EXAMPLE, KINDS, SpecError, help_text, parse
 from imud.firmware_sim.faults.wire import Wire
 from imud.firmware_sim.fixes import Fix
 from imud.firmware_sim.noise import M_G350
@@ -298,3 +298,10 @@ def test_a_log_of_sentences_is_played_as_it_was_recorded(tmp_path):
     assert b"".join(data for _, data in chunks) == b"".join(lines)
     twice = play(SentencePlayback(read(log), 9600, loop=True), 10.5)
     assert b"".join(data for _, data in twice) == b"".join(lines) * 2
+
+
+def test_the_help_shows_every_fault_and_an_example_that_is_one():
+    said = help_text()
+    assert all(f"\n  {name} " in said for name in KINDS)
+    assert f'"{EXAMPLE}"' in said
+    assert [len(faults) for faults in parse(EXAMPLE, DEVICES)] == [4, 4]

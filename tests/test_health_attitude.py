@@ -5,9 +5,7 @@ import pytest
 from attitude_runs import tilt_variance_deg2
 from attitude_simulation import MG, Flaws, G, after, errors_deg, measure, simulate, wobble
 from broad import samples_of, solutions_of
-from replay_in_process import new_filter, replay
 
-from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.sample import SAMPLE
 from imud.estimators.records import ATTITUDE_VALID
 
@@ -111,15 +109,3 @@ def test_axes_that_freeze_while_the_body_turns_are_seldom_wrong_and_sure(axes, s
         tilt, _ = errors_deg(out["q_nb"], truth.attitude)
         wrong.append(((tilt > 5.0) & (tilt**2 > 16.0 * tilt_variance_deg2(out))).sum() / rate)
     assert np.mean(wrong) < 0.8
-
-
-def test_a_device_that_repeats_its_first_sample_has_no_valid_attitude_until_it_changes(body):
-    truth, w, f = body
-    samples = samples_of(truth.t, w, f)
-    samples["w"][: at(BEGIN)], samples["f"][: at(BEGIN)] = w[0], f[0]
-    filter_ = new_filter("attitude", samples)
-    filter_.watch_over(ImuConfigured(Identity("epson", "M-G350"), float(RATE), 10**9 // RATE, 0, 1))
-    out, _ = replay(filter_, samples)
-    valid = (out["status"] & ATTITUDE_VALID) > 0
-    assert not valid[at(1.5) : at(BEGIN)].any()
-    assert valid[at(BEGIN + 5.0) :].all()

@@ -32,6 +32,7 @@ def test_into_an_image(tmp_path, capsys):
     shown = capsys.readouterr().out
     assert all(f"write  {tmp_path / name}" in shown for name in FILES)
     assert "run " not in shown
+    assert f"systemctl --root={tmp_path} enable imud@front" in shown
 
 
 def test_a_second_time_changes_nothing(tmp_path, capsys):
@@ -79,7 +80,9 @@ def test_on_this_machine_the_commands_follow_the_files(monkeypatch):
     monkeypatch.setattr(install_service, "_program", lambda root: Path("/opt/imud/bin/imud"))
     parser = __import__("argparse").ArgumentParser()
     install_service.add_arguments(parser)
-    steps = install_service.installation(parser.parse_args(["front"]))
+    with pytest.raises(install_service.UsageError, match="--port"):
+        install_service.installation(parser.parse_args(["front"]))  # it would end at once: no port
+    steps = install_service.installation(parser.parse_args(["front", "--port", "/dev/ttyUSB0"]))
     kinds = [type(step) for step in steps]
     assert kinds == sorted(kinds, key=[Write, Run].index)
     commands = [step.command for step in steps if isinstance(step, Run)]

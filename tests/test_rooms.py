@@ -27,7 +27,7 @@ EXTRAS = {  # file: what it may import that an extra brings
     "imud/estimators/earth_field.py": {"pygeomag"},
     "imud/commands/web/limits.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
-    "drivers/capture.py": {"mcap", "zstandard", "lz4"},  # which mcap needs
+    "drivers/capture.py": {"lz4", "mcap", "zstandard"},  # the others are what mcap needs
     "imud/ros2/block_writer.py": {"mcap", "zstandard"},
 }
 FORBIDDEN = {  # room: packages it must not know
@@ -75,6 +75,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         for name in (
             "checkpoint",
             "error_model",
+            "filter_states",
             "integrity/alternating_receiver",
             "lever_arm",
             "setup",

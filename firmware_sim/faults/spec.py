@@ -26,6 +26,9 @@ _FAULT = re.compile(r"(?P<name>[a-z]+)(?:=(?P<value>[^@]*))?(?:@(?P<span>.*))?")
 _SPAN = re.compile(r"(?P<begin>[\d.]+)(?P<dash>-(?P<end>[\d.]+)?)?(?:/(?P<period>[\d.]+))?")
 
 
+EXAMPLE = "flip=0.01,cut=0.01;gnss:loss@20-40;imu:frozen=gx+gy@30-35;unplug@10-12/30"
+
+
 class SpecError(ValueError):
     """A --faults that makes no sense; the message says which part, and which faults there are."""
 
@@ -148,9 +151,15 @@ def of_layer(layer: str, faults: Sequence[Fault]) -> list[Fault]:
 
 
 def help_text() -> str:
-    """All faults, a line each."""
+    """How a SPEC is written, and all faults, a line each."""
     rows = "\n".join(f"  {name:10} {kind.meaning}" for name, kind in KINDS.items())
-    return f"faults, for --faults [DEVICE:]NAME[=VALUE[xVALUE2]][@FROM[-[TO]][/PERIOD]],…;…\n{rows}"
+    return f"""--faults "[DEVICE:]FAULT,FAULT…;[DEVICE:]FAULT…"
+  DEVICE     {IMU}, {GNSS}, {OTHER}, or a name such as g350; without: each that can have the fault
+  FAULT      NAME[=VALUE[xVALUE2]][@FROM[-[TO]][/PERIOD]], times in s since the start; without: always
+  example    "{EXAMPLE}"
+
+faults:
+{rows}"""
 
 
 def _role(device: str) -> str:

@@ -80,15 +80,12 @@ def run(args: argparse.Namespace) -> int:
         progress.at(number + 1)
     if not any(found.values()):
         raise BadDataError(f"{args.recording}: every axis is constant: there is no noise to measure")
-    if args.json:
-        print(json.dumps(_si_results(found, rate_hz)))
-    else:
-        _print(found, PROFILES[args.sheet], args.sheet, len(samples), rate_hz)
-        _warn_of_motion(samples, rate_hz)
+    text = _table(found, PROFILES[args.sheet], args.sheet, len(samples), rate_hz) + _motion(samples, rate_hz)
+    print(json.dumps(_si_results(found, rate_hz)) if args.json else text)
     if args.settings:
         _write(args.settings, _settings(found, args.recording))
     if args.output:
-        _draw(args.output, found, PROFILES[args.sheet], args.sheet)
+        _draw(args.output, f"imud allan: {args.recording.name}", text, found, PROFILES[args.sheet], args.sheet)
     return 0
 
 
@@ -112,26 +109,28 @@ def _coefficients(deviation: "AllanDeviation") -> "tuple[Coefficient, ...]":
     return deviation.random_walk, deviation.instability, deviation.rate_walk
 
 
-def _print(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> None:
-    print(f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer")
+def _table(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> str:
+    lines = [f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer"]
     for kind, units in _KINDS.items():
-        print(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
+        lines.append(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
         for i, (what, unit) in enumerate(zip(_NAMES, units, strict=True)):
             values = {axis: _formatted(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
             cells = "".join(f"{values.get(axis, 'never changes'):>20}" for axis in "xyz")
             known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
-            print(f"{what:<20}{cells}   {known} {unit.text}")
+            lines.append(f"{what:<20}{cells}   {known} {unit.text}")
+    return "\n".join(lines)
 
 
-def _warn_of_motion(samples: Any, rate_hz: float) -> None:
-    """Print a warning if the rates show motion: the result is then the motion, not the noise."""
+def _motion(samples: Any, rate_hz: float) -> str:
+    """A warning if the rates show motion: the result is then the motion, not the noise."""
     m = max(1, round(rate_hz))
     whole = len(samples) // m * m
     means = np.linalg.norm(samples["w"][:whole].reshape(-1, m, 3).mean(axis=1), axis=1)
     steps = np.abs(np.diff(means))
     if len(steps) > 10 and steps.max() > _MOTION_RATIO * (np.median(steps) + 1e-6):
         at = (int(np.argmax(steps)) + 1) * m / rate_hz
-        print(f"\nThe sensor has moved, most at {at:.0f} s: the result is its motion, not its noise.")
+        return f"\n\nThe sensor has moved, most at {at:.0f} s: the result is its motion, not its noise."
+    return ""
 
 
 def _si_results(found: Found, rate_hz: float) -> dict[str, Any]:
@@ -171,7 +170,7 @@ def _write(path: Path, text: str) -> None:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _draw(path: Path, found: Found, sheet: Any, name: str) -> None:
+def _draw(path: Path, title: str, text: str, found: Found, sheet: Any, name: str) -> None:
     from .. import figures
     from ..figures import Figure, Panel, Trace
 
@@ -188,6 +187,6 @@ def _draw(path: Path, found: Found, sheet: Any, name: str) -> None:
             traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
         panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
     try:
-        figures.write("imud allan", "", [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)
+        figures.write(title, text, [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error

@@ -114,12 +114,19 @@ def run(args: argparse.Namespace) -> int:
             step.execute()
     except PermissionError as error:
         raise PermissionDeniedError(f"{error.filename}: not permitted; try again with sudo") from error
-    print(
-        "done: the service is gone"
-        if args.remove
-        else f"done: systemctl status imud@{args.name}, journalctl -u imud@{args.name}"
-    )
+    print(f"done: {_outcome(args)}")
     return 0
+
+
+def _outcome(args: argparse.Namespace) -> str:
+    """What is there now, and what is left to do."""
+    if args.remove:
+        return "the service is gone"
+    unit = f"imud@{args.name}"
+    if args.root != Path("/"):
+        there = args.root / _UNIT_PROGRAM.lstrip("/")
+        return f"these files only. The service starts {there}; `systemctl --root={args.root} enable {unit}` enables it"
+    return f"systemctl status {unit}, journalctl -u {unit}"
 
 
 def _confirmed() -> bool:
@@ -138,6 +145,8 @@ def installation(args: argparse.Namespace) -> list[Step]:
     steps += [Write(args.root / path, page()) for path, page in _PAGES.items()]
     configuration = args.root / "etc/imud" / f"{args.name}.toml"
     if not configuration.exists():
+        if not args.port and args.root == Path("/"):
+            raise UsageError("the service needs the sensor's port, as --port /dev/ttyUSB0: see `imud probe`")
         steps.append(Write(configuration, _checked_sample(args.port), keep=True))
     elif args.port:
         raise ConfigError(f"{configuration} is there already: change `ports` in it, and leave --port away")

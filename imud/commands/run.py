@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     if args.check:
         _check(settings)
+        print("the configuration is valid")
         return 0
     if not settings.ports:
         raise UsageError("no port: name one, for example --port /dev/ttyUSB0, or try `imud demo`")

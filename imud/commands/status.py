@@ -18,6 +18,7 @@ from ..outputs.addresses import Address, parse_address
 from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
 from ..sensors.limits import is_beyond
 from . import metrics
+from .notable_states import notable_states
 
 PORT = 2947
 TIMEOUT_S = 5.0
@@ -127,6 +128,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     load = "OVERLOADED" if status["load"]["overloaded"] else "keeps up"
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {load}"
     yield from _filter(status["filter"])
+    yield from _states(status.get("states", {}))
     if by_kind := status.get("innovations"):
         yield from zip_longest(["innovations"], innovations(by_kind), fillvalue="")
     for port in status["ports"]:
@@ -224,6 +226,11 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
             yield name, ", ".join(texts)
 
 
+def _states(found: Table) -> Iterator[tuple[str, str]]:
+    text = ", ".join(f"{label} {values}" for label, values in notable_states(found).items())
+    yield from zip_longest(["found"] if text else [], textwrap.wrap(text, _WIDTH), fillvalue="")
+
+
 _Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format
 _POSITION: _Row = (
     ("lat", "lat_deg", "sn_m", "{:.7f}° ±{:.2f} m"),
@@ -277,7 +284,7 @@ def _rate(port: Table) -> str:
 
 
 def _counted(port: Table, names: tuple[str, ...]) -> str:
-    refused = "".join(f", {count} refused by gnss.{rule}" for rule, count in port.get("refused", {}).items())
+    refused = "".join(f", {count} refused for {rule}" for rule, count in port.get("refused", {}).items())
     return ", ".join(f"{port[name]} {name}" for name in names if name in port) + refused
 
 

@@ -90,6 +90,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     chrony: Chrony = Chrony()
     outputs: Annotated[
         tuple[Name, ...],
-        Meta(max_length=16, description="Outputs of plug-ins, NAME or NAME:ARGUMENT; imud's own have tables above."),
+        Meta(max_length=16, description="Outputs of plug-ins, NAME or NAME:ARGUMENT; imud's own have settings."),
     ] = ()
     realtime: Realtime = Realtime()

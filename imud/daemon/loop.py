@@ -12,6 +12,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from imud.drivers.registry import plugged_in
+
 from .. import compilation
 from ..compile import library
 from ..configuration.settings import Settings
@@ -113,16 +115,18 @@ class Daemon:
     def _prepare_kernels(self) -> None:
         """Have numba compile kernels, which takes minutes: all where there is no library, else those of plug-ins."""
         compiled = library.library() is not None
-        if not compiled:
+        estimators = [
+            name for name in self._devices.possible_estimators() if not compiled or name not in registry.NAMES
+        ]
+        if by_numba := [*(plugged_in() if compiled else ()), *estimators]:
             self._log.info(
-                "numba compiles the kernels, which takes minutes", estimator=self._devices.selection.estimator.name
+                "numba compiles kernels, which takes minutes if it has not done so before", of=" ".join(by_numba)
             )
             self._notifier.send("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
         compilation.warm_loop()
         compilation.warm_decoders(plugins_only=compiled)
-        for name in self._devices.possible_estimators():
-            if not compiled or name not in registry.NAMES:
-                compilation.warm(registry.by_name(name), self._settings)
+        for name in estimators:
+            compilation.warm(registry.by_name(name), self._settings)
 
     def _serve(self) -> None:
         flush_ns = _NEVER_NS

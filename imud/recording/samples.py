@@ -108,6 +108,7 @@ def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[
         if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu":
             names.add(name_of(said.imu().identity))
         progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
+    progress.at(1000)
     tell("", notes)
     if player.samples < 2:
         raise BadDataError("; ".join([f"{path}: {player.samples} inertial samples in it", *notes]))

@@ -11,6 +11,7 @@ _ACCELERATION = 0.5  # m/s^2, the least that shows where forwards is
 _STRAIGHT_DEG = 20.0
 _START_S = 1.5
 _CURVES_S, _CURVE = 30.0, 0.3  # of data that are tested; m/s^2, the least acceleration that counts
+_CURVE_SHARE = 0.5  # of what a curve turned the start by, as sigma: where the sensor sits in the vehicle counts, too
 _MIRRORED = "gyro and accelerometer contradict each other: an axis is mirrored; no mounting can correct that"
 
 
@@ -35,18 +36,38 @@ def mounting(samples: Records, rate_hz: float) -> tuple[Floats, Floats]:
         raise UnfitError(
             f"no acceleration above {_ACCELERATION} m/s^2 after the rest: start forwards, straight, briskly"
         )
-    first = level[strong[0] : strong[0] + max(1, int(_START_S / WINDOW_S))]
-    first = first[np.linalg.norm(first, axis=1) > _ACCELERATION]
-    forward = first.sum(axis=0) / np.linalg.norm(first.sum(axis=0))
-    matrix = np.stack([forward, np.cross(down, forward), down])
-    across = np.degrees(np.arctan2(first @ matrix[1], first @ forward))
-    if np.abs(across).max() > _STRAIGHT_DEG:
-        raise UnfitError("the start was not straight, or not forwards only: the acceleration turns by more than 20 deg")
     turning = windows(after["w"] - bias, m).mean(axis=1) @ down
+    soon = np.arange(strong[0], min(strong[0] + max(1, int(_START_S / WINDOW_S)), len(level)))
+    first = soon[size[soon] > _ACCELERATION]
+    if np.degrees(_from_their_sum(level[first], down)).max() > _STRAIGHT_DEG:
+        raise UnfitError("the start was not straight, or not forwards only: the acceleration turns by more than 20 deg")
+    straight = _without_curve(level, turning, down)[first]
+    forward = straight.sum(axis=0) / np.linalg.norm(straight.sum(axis=0))
+    matrix = np.stack([forward, np.cross(down, forward), down])
+    across = np.degrees(np.arctan2(straight @ matrix[1], straight @ forward))
+    total = level[first].sum(axis=0)
+    curve = math.degrees(math.atan2(total @ matrix[1], total @ forward))
     _refuse_mirrored_curves(turning, level @ forward, level @ matrix[1])
     tilt = up_force.sigma / np.linalg.norm(up_force.value)
-    yaw = math.radians(max(1.0, float(across.std()) / math.sqrt(len(first))))
+    yaw = math.radians(math.hypot(max(1.0, float(across.std()) / math.sqrt(len(first))), _CURVE_SHARE * curve))
     return matrix, np.array([max(np.nanmax(tilt), 1e-3), max(np.nanmax(tilt), 1e-3), yaw])
+
+
+def _without_curve(level: Floats, turning: Floats, down: Floats) -> Floats:
+    """The level acceleration, window by window, without what turns the vehicle: the rate about down times the speed."""
+    straight, velocity = level.copy(), np.zeros(3)
+    for k in range(len(level)):
+        middle = velocity + 0.5 * WINDOW_S * level[k]
+        straight[k] -= turning[k] * np.cross(down, middle)
+        velocity += WINDOW_S * straight[k]
+    return straight
+
+
+def _from_their_sum(level: Floats, down: Floats) -> Floats:
+    """The angle of each acceleration from the sum of all, without sign, rad."""
+    total = level.sum(axis=0)
+    angles: Floats = np.abs(np.arctan2(level @ np.cross(down, total), level @ total))
+    return angles
 
 
 def _refuse_mirrored(samples: Records, bias: Floats, rate_hz: float) -> None:

@@ -10,10 +10,10 @@ they were smallest. An axis can be found frozen only if these were at least MIN_
 smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
-The noise of a device that repeats one sample from its first block on cannot be learned. It is at fault when all axes
-have repeated for ALL_REPEAT_S, until one changes: even where resolutions are so coarse that six axes are constant at
-rest, nothing tells them from those of a dead sensor. Arrays and tables may come from a simulation without noise, so
-this holds for devices only.
+The noise of a device that repeats one sample from its first block on cannot be learned. When all axes have repeated for
+ALL_REPEAT_S this is reported until one changes, but its samples are used: where the resolution is so coarse that all
+axes are constant at rest, they are right. Arrays and tables may come from a simulation without noise, so this holds for
+devices only.
 
 A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
 steep turn has as much for a minute. Both rotate, or the force changes. A constant force far from gravity for 10 s,
@@ -69,8 +69,8 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = -60.0, 130.0  # degC, for MIN_REPEATS samples
 REPORT_NS = 2_000_000_000  # time for which a finding is reported after it was last made
 
 _RATES, _FORCES = 0b000111, 0b111000
-_NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS | 1 << REPEATED
-_NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT | 1 << REPEATED
+_NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS
+_NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
 
 HEALTH = np.dtype(
     [
@@ -80,7 +80,7 @@ HEALTH = np.dtype(
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("profile_noise", "<f8", (6,)),  # standard deviation of a sample by the profile, same units
         ("min_repeats", "<i8"),
-        ("all_repeats", "<i8"),  # samples from which all axes together are at fault
+        ("all_repeats", "<i8"),  # samples from which it is reported that all axes repeat
         ("far_samples", "<i8"),  # in FAR_S
         ("near_samples", "<i8"),  # in NEAR_S
         ("samples", "<i8"),
@@ -269,7 +269,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
         sample.flags |= LIMITED_FORCE if findings & (_FORCES << LIMITED) else 0
     since = t_ns
     for i in range(6):
-        if findings & (1 << (FROZEN + i) | 1 << REPEATED):
+        if findings >> (FROZEN + i) & 1:
             since = min(since, h.repeats_start_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
@@ -299,7 +299,7 @@ def check_sample(h: Health, sample: Any) -> None:
         findings |= 1 << REPEATED if is_repeated(h) else 0
     findings |= check_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
-    frozen = findings & (_RATES << FROZEN | 1 << REPEATED) != 0
+    frozen = findings >> FROZEN & _RATES != 0
     findings |= replace_spikes(h.spikes, sample, findings >> INVALID & (_RATES | _FORCES), frozen) << SPIKE
     findings &= ~(h.spikes.replaced << LIMITED)  # the sample no longer shows the end of the range
     impossible = sample.temperature < MIN_TEMPERATURE or sample.temperature > MAX_TEMPERATURE

@@ -16,11 +16,13 @@ class Errors:
     claimed: float = 0.0
     count: int = 0
     last: float = math.nan  # NaN: not known now
+    last_claimed: float = math.nan  # sigma of the last
 
     def add(self, error: float, *sigmas: float) -> None:
-        self.last = error
+        variance = sum(sigma * sigma for sigma in sigmas)
+        self.last, self.last_claimed = error, math.sqrt(variance)
         self.total += error * error
-        self.claimed += sum(sigma * sigma for sigma in sigmas)
+        self.claimed += variance
         self.count += 1
 
     @property
@@ -46,7 +48,7 @@ class Comparison:
     def add(self, est: dict[str, Any], truth: dict[str, float]) -> None:
         state = est.get("state", "")
         for errors in self.errors.values():
-            errors.last = math.nan
+            errors.last = errors.last_claimed = math.nan
         if "aligning" not in state:
             for name in ("roll", "pitch"):
                 self.errors[name].add(_wrapped_deg(est[f"{name}_deg"] - truth[f"{name}_deg"]), est[f"s{name}_deg"])

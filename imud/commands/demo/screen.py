@@ -17,7 +17,10 @@ _ROWS = (
     ("latitude", "lat_deg", "sn_m", 6, "deg, σ in m"),
     ("longitude", "lon_deg", "se_m", 6, "deg, σ in m"),
 )
-_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m, horizontal", "velocity": "m/s"}
+_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m", "velocity": "m/s"}
+_MAGNITUDES = ("position", "velocity")  # the length of the error: it has no sign
+_COLUMN = 14
+_ALWAYS = {"attitude", "heading", "position", "height"}  # words of the state that the columns show
 
 
 def _screen(est: dict[str, Any], truth: dict[str, float], elapsed_s: float) -> str:
@@ -27,6 +30,23 @@ def _screen(est: dict[str, Any], truth: dict[str, float], elapsed_s: float) -> s
         value, spread = f"{est[key]:.{decimals}f}" if key in est else "-", f"{est[sigma]:.2f}" if sigma in est else "-"
         lines.append(f"{name:10}{truth[key]:14.{decimals}f}{value:>14}{spread:>10}  {unit}")
     return "\n".join(lines)
+
+
+def head() -> str:
+    """Above the lines of errors."""
+    columns = "".join(f"{f'{name}, {unit}':>{_COLUMN}}" for name, unit in _UNITS.items())
+    return f"error ±1σ{columns[1:]}"
+
+
+def line(est: dict[str, Any], comparison: Comparison, elapsed_s: float) -> str:
+    """The errors now and the sigmas claimed for them; `-` is not known."""
+    columns = ""
+    for name, errors in comparison.errors.items():
+        sign = "" if name in _MAGNITUDES else "+"
+        known = math.isfinite(errors.last)
+        columns += f"{f'{errors.last:{sign}.2f} ±{errors.last_claimed:.2f}' if known else '-':>{_COLUMN}}"
+    others = [word for word in est.get("state", "").split(",") if word not in _ALWAYS]
+    return f"{elapsed_s:6.1f} s{columns}  {', '.join(others)}".rstrip()
 
 
 class Display:
@@ -46,18 +66,19 @@ class Display:
             print(f"\x1b[{self._drawn}A" * bool(self._drawn) + text.replace("\n", "\x1b[K\n") + "\x1b[K", flush=True)
             self._drawn = text.count("\n") + 1
         else:
-            errors = {name: error for name, error in comparison.errors.items() if math.isfinite(error.last)}
-            now = ", ".join(f"{name} {e.last:+.2f} {_UNITS[name].split(',')[0]}" for name, e in errors.items())
-            shown = f": error {now}" if now else ""
-            print(f"{elapsed_s:6.1f} s  {est.get('state', '')}{shown}", flush=True)
+            new = line(est, comparison, elapsed_s)
+            print(new if self._drawn else f"{head()}\n{new}", flush=True)
+            self._drawn += 1
 
 
 def summary(comparison: Comparison, estimates: int, elapsed_s: float) -> str:
+    """The errors at the end, and of all the time while the estimates were valid."""
     lines = [
-        f"\n{estimates} estimates in {elapsed_s:.1f} s. RMS error against the truth, while claimed valid:",
-        f"  {'':10}{'error':>9}{'claimed 1σ':>12}",
+        f"\n{estimates} estimates in {elapsed_s:.1f} s. Errors against the truth while valid, beside the claimed 1σ:",
+        f"  {'':10}{'RMS':>9}{'claimed':>10}{'at the end':>13}{'claimed':>10}",
     ]
     for name, errors in comparison.errors.items():
-        known = f"{errors.rms:9.3f}{errors.claimed_rms:12.3f}  {_UNITS[name]}" if errors.count else f"{'-':>9}{'-':>12}"
-        lines.append(f"  {name:10}{known}")
+        known = (errors.rms, errors.claimed_rms, errors.last, errors.last_claimed)
+        cells = (f"{value:.3f}" if math.isfinite(value) else "-" for value in known)
+        lines.append(f"  {name:10}{{:>9}}{{:>10}}{{:>13}}{{:>10}}  {_UNITS[name]}".format(*cells))
     return "\n".join(lines)

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=input_file,
         metavar="FILE",
-        help="recordings; or est.csv and innovations of `imud replay`, its imu.csv and gnss.csv; several are overlaid",
+        help="recordings; or est.csv, innovations, states of `imud replay`, imu.csv, gnss.csv; several are overlaid",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="HTML", help="the page; works offline")
 
@@ -62,11 +62,12 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("the page needs plotly: pip install 'imud[plots]'")
     refuse_overwriting([args.output], args.files)
     from .content import panels
-    from .findings import findings
+    from .findings import findings, not_judged
 
     session = read(args.files)
     found = findings(session)
     text = "\n".join(["What looks wrong:", *(f"- {line}" for line in found)] if found else ["Nothing looks wrong."])
+    text += "".join(f"\n{line}." for line in not_judged(session.innovations))
     if not session.innovations:
         text += "\nThere are no innovations in these files: whether the sigmas are right was not tested."
     if session.events:

@@ -12,12 +12,13 @@ import numpy as np
 from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError
 from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
+from imud.tables.filter_states import STATES_HEADER
 from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, read_fixes
 from imud.tables.lines import Table, table_of
 
 from ...math.arrays import Floats
 from .reduction import EstimateReduction, SensorReduction
-from .session import Fixes, Innovations, Part, Session
+from .session import Fixes, Innovations, Part, Session, States
 
 _BATCH = 32_768  # rows
 _LATEST_S = 9e9  # some 285 years after 1970; in ns it fits 64 bits
@@ -31,8 +32,8 @@ def read_table(path: Path, name: str, progress: Progress) -> Part:
         if set(names) <= set(table.names):
             return reader(table, name, progress)
     raise BadDataError(
-        f"{path} line 1: neither a recording nor an est.csv, innovations, imu.csv or gnss.csv; `imud replay -o est.csv "
-        "--innovations innovations.csv` writes the first two"
+        f"{path} line 1: neither a recording nor an est.csv, innovations, states, imu.csv or gnss.csv; `imud replay "
+        "-o est.csv --innovations innovations.csv --states states.csv` writes the first three"
     )
 
 
@@ -158,6 +159,14 @@ def _innovations(table: Table, name: str, progress: Progress) -> Part:
     return Part(origin, first, last, Session(innovations=tuple(found)))
 
 
+def _states(table: Table, name: str, progress: Progress) -> Part:
+    blocks = list(_blocks(table, table.names, progress))
+    columns = {column: np.concatenate([block[column] for block in blocks]) for column in blocks[0]}
+    first, last = float(columns["t_s"].min()), float(columns["t_s"].max())
+    origin = math.floor(first)
+    return Part(origin, first, last, Session(states=(States(name, columns | {"t_s": columns["t_s"] - origin}),)))
+
+
 def _fixes(table: Table, name: str, progress: Progress) -> Part:
     rows = read_fixes(table.path, 0)
     progress(table.path.stat().st_size)
@@ -170,6 +179,7 @@ def _fixes(table: Table, name: str, progress: Progress) -> Part:
 _READERS: tuple[tuple[Sequence[str], Callable[[Table, str, Progress], Part]], ...] = (
     (ESTIMATE_HEADER.split(","), _estimates),
     (INNOVATION_COLUMNS, _innovations),
+    (STATES_HEADER, _states),
     (IMU_COLUMNS, _samples),
     (("t_s", "lat_deg", "lon_deg", "height_m"), _fixes),
 )

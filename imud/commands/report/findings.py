@@ -89,14 +89,17 @@ def _before_motion(i: Innovations) -> NDArray[np.bool_]:
     return counted
 
 
-def _too_few(innovations: Iterable[Innovations]) -> list[str]:
-    """The quantities with too few innovations to judge the filter by, a sentence for each file."""
+def not_judged(innovations: Iterable[Innovations]) -> list[str]:
+    """The quantities with too few innovations to judge the filter by, a sentence for each file.
+
+    Nothing is wrong with that: the recording is short, or seldom at rest.
+    """
     few: dict[str, list[str]] = {}
     for i in innovations:
         if (used := np.count_nonzero(i.used)) < COUNT_MIN:
             few.setdefault(i.name, []).append(f"{i.kind} ({used})")
     return [
-        f"{name}: too few innovations were used to judge the filter by {', '.join(kinds)}"
+        f"{name}: too few innovations to judge the filter by {', '.join(kinds)}; {COUNT_MIN} are needed"
         for name, kinds in few.items()
     ]
 
@@ -152,7 +155,6 @@ def findings(session: Session) -> list[str]:
     found = [f"{sensor.name}: {text}" for sensor in session.sensors for text in sensor.findings]
     found += [line for clock in session.clocks for line in _of_clock(clock)]
     found += [line for innovations in session.innovations for line in _of_innovations(innovations)]
-    found += _too_few(session.innovations)
     found += [line for estimates in session.estimates for line in _of_estimates(estimates)]
     for fixes in session.fixes:
         latency = (fixes.rows["arrival_ns"] - fixes.rows["t_ns"]) * 1e-9

@@ -128,6 +128,8 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
             if elapsed_s >= row_s:
                 row_s += _ROW_S
                 print(table.row(elapsed_s, status, reader.counts()), flush=True)
+    if memory:  # the rest of a minute, or a short run's only line
+        print(table.row(elapsed_s, status, reader.counts()), flush=True)
     emulator.send_signal(signal.SIGTERM)
     emulator.wait(10.0)
     end_s = time.monotonic() + _SETTLE_S

@@ -9,6 +9,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ..records import POSITION_N
+from .aiding.course_heading import head_along_course
 from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
@@ -33,7 +34,13 @@ from .integrity.compass_offset import (
     is_unconfirmed,
 )
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
-from .integrity.gyro_bias_step import detect_gyro_bias_step, explained_by_gyro_bias_step, reset_gyro_bias_step
+from .integrity.gnss_drift import explained_by_drift
+from .integrity.gyro_bias_step import (
+    counts_positions,
+    detect_gyro_bias_step,
+    explained_by_gyro_bias_step,
+    reset_gyro_bias_step,
+)
 from .integrity.heading_monitor import monitor_heading
 from .integrity.time_offset_step import (
     detect_time_offset_step,
@@ -70,6 +77,7 @@ def fuse_and_align(
 ) -> int:
     """Align with the fix while the heading is not known, and fuse its position and velocity; returns the rows."""
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
+    head_along_course(p, c, fix)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):
@@ -128,7 +136,11 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     """Whether the gyro's bias has stepped; a compass shows such a turn by itself."""
     if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
         reset_gyro_bias_step(c)
-    elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
+        return
+    otherwise = explained_by_time_offset_step(c)
+    if counts_positions(p, c):
+        otherwise = max(otherwise, explained_by_drift(p, c))
+    if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
 

@@ -101,6 +101,10 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
     [
         ("onset_ns", "<i8"),  # when its headings were used first
         ("last_ns", "<i8"),  # the last fix
+        (
+            "turn_variance",
+            "<f8",
+        ),  # rad^2, of a turn of the sensor while it was not connected
         ("unconfirmed", "<i8"),  # 1: it gave the heading, and motion has not confirmed that
         ("information", "<f8"),  # 1/rad^2, of the offset
         ("vector", "<f8"),  # 1/rad, information times offset
@@ -115,6 +119,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
+        ("velocity_ns", "<i8"),  # the last one with a velocity
         ("heading_variance", "<f8"),  # rad^2, beyond P: of a step that is likely but not detected
         ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
         ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step

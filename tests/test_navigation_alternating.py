@@ -7,7 +7,7 @@ import pytest
 from navigation_runner import navigate
 from navigation_simulation import drive, errors, received, sensed
 
-from imud.estimators.records import POSITION_VALID
+from imud.estimators.records import HEIGHT_VALID, POSITION_VALID
 
 SECONDS = 90
 
@@ -30,9 +30,9 @@ def fixes_of(d, elsewhere, metres=math.inf):
     return fixes
 
 
-def valid(out):
-    """Whether the position is, for each second."""
-    return ((out["status"] & POSITION_VALID) > 0).reshape(SECONDS, -1).all(axis=1)
+def valid(out, bit=POSITION_VALID):
+    """Whether the position is, or the height, for each second."""
+    return ((out["status"] & bit) > 0).reshape(SECONDS, -1).all(axis=1)
 
 
 @pytest.mark.parametrize("metres", [200.0, 1000.0, math.inf])
@@ -51,8 +51,9 @@ def test_it_has_no_valid_position_after_the_second_return(run, fixes_each, metre
 def test_it_is_valid_again_when_the_positions_are_in_one_place(run):
     d, samples = run
     out, _, _ = navigate(samples, fixes_of(d, lambda k: (k < 30) & (k % 2 == 1)))
-    assert not valid(out)[10:30].any()
-    assert valid(out)[60:].all()
+    for bit in (POSITION_VALID, HEIGHT_VALID):
+        assert not valid(out, bit)[10:30].any()
+        assert valid(out, bit)[60:].all()
 
 
 @pytest.mark.parametrize("outliers", [0.05, 0.1])

@@ -78,9 +78,10 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
-        if not is_alternating(p, c):
+        position_known = not is_alternating(p, c)
+        if position_known:
             bits |= POSITION_VALID
-        if sigma_down < 0.5 * p.tuning.unknown_height:
+        if position_known and sigma_down < 0.5 * p.tuning.unknown_height:
             bits |= HEIGHT_VALID
         if c.nav.t_ns - max(c.gnss.last_used_ns, c.pose.last_used_ns) > 1e9 * p.tuning.coasting_s:
             bits |= COASTING

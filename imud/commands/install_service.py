@@ -146,9 +146,7 @@ def installation(args: argparse.Namespace) -> list[Step]:
     configuration = args.root / "etc/imud" / f"{args.name}.toml"
     if not configuration.exists():
         if not args.port and args.root == Path("/"):
-            raise UsageError(
-                "the service needs the sensor's port, as --port /dev/ttyUSB0: see `imud probe`"
-            )
+            raise UsageError("the service needs the sensor's port, as --port /dev/ttyUSB0: see `imud probe`")
         steps.append(Write(configuration, _checked_sample(args.port), keep=True))
     elif args.port:
         raise ConfigError(f"{configuration} is there already: change `ports` in it, and leave --port away")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .estimators.filter_states import PERIOD_NS
 from .estimators.records import MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .pipeline import Filter, room_for
@@ -28,21 +29,24 @@ def play(
     note: Any = None,
     aiding: Records | None = None,
     advance: Callable[[int], None] = _ignore,
+    each_second: Callable[[int], None] | None = None,
 ) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
     arrival.
 
     samples: array of SAMPLE, turned to body axes in place. fixes, aiding: arrays of FIX and MEASUREMENT, in order of
     arrival. write: given the solutions of each block, in rows that the next block overwrites. keep: mask of the samples
-    whose solutions are written; None: all. note: given innovations. advance: given the number of samples done. Returns
-    the number of fixes fed.
+    whose solutions are written; None: all. note: given innovations. advance: given the number of samples done.
+    each_second: called behind the first sample of each second, and perhaps of others, with its time. Returns the number
+    of fixes fed.
     """
     out = np.zeros(min(BLOCK, len(samples)), SOLUTION)
     t_ns = samples["t_ns"].copy()  # one behind the other
     fixes, places = _placed(t_ns, fixes, first=1)
     aiding, aided = _placed(t_ns, _NO_MEASUREMENT if aiding is None else aiding, first=0)
     alone = aided[filter_.needing_place(aiding)]
-    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), alone, [len(samples)]]))
+    seconds = np.flatnonzero(np.diff(t_ns // PERIOD_NS, prepend=-1))[: None if each_second else 0] + 1
+    edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), alone, seconds, [len(samples)]]))
     due, taken = np.searchsorted(places, edges), np.searchsorted(aided, edges)  # of all blocks at once
     room = room_for(int(np.max(np.diff(due) + np.diff(taken), initial=0)))
     blocks = zip(*(itertools.pairwise(at.tolist()) for at in (edges, due, taken)), strict=True)
@@ -59,6 +63,8 @@ def play(
         )
         write(rows if keep is None else rows[keep[start:stop]])
         advance(stop)
+        if each_second is not None:
+            each_second(int(t_ns[stop - 1]))
         if note is not None:
             note(innovations.copy())  # a view would keep all the room
             note(filter_.pending_innovations().copy())

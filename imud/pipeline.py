@@ -17,6 +17,7 @@ from .clocks.counter import new_clock
 from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
+from .estimators.filter_states import FILTER_STATES
 from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
@@ -128,7 +129,8 @@ class Filter:
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
-        self.health[:] = new_health(dataclasses.replace(self._profile, **(ranges | self._given_ranges)), sensor.rate_hz)
+        profile = dataclasses.replace(self._profile, **(ranges | self._given_ranges))
+        self.health[:] = new_health(profile, sensor.rate_hz, is_device=True)
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""
@@ -227,6 +229,11 @@ class Filter:
             else self.stages.pending_innovations(self.state, self._innovations)
         )
         return self._innovations[:n]
+
+    def filter_states(self) -> Records:
+        """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""
+        read = self.estimator.filter_states
+        return np.zeros(0, FILTER_STATES) if read is None else read(self.state)
 
 
 class InertialPipeline:

@@ -71,6 +71,15 @@ def drift_that_stays():
     return navigated(samples, silent(fixes), HEADED)
 
 
+def alternating_receiver():
+    """Every fourth position is elsewhere, then every third, every second; then for two seconds in a row, and seldom."""
+    samples, fixes = data(road(320.0), seed=76)
+    for begin, every, row in ((60.0, 4, 1), (100.0, 3, 1), (150.0, 2, 1), (200.0, 4, 2), (250.0, 12, 1)):
+        for k in range(int(40.0 / every)):
+            fixes = moved(fixes, begin + every * k, begin + every * k + row, 300.0)
+    return navigated(samples, fixes, HEADED)
+
+
 def frozen_receiver():
     samples, fixes = data(seed=10)
     frozen = np.flatnonzero(between(fixes, 90.0, 115.0))

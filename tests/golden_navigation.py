@@ -24,6 +24,7 @@ from golden_aiding import (
 )
 from golden_external import body_velocity, external_velocity, pose, pose_alone, pose_elsewhere, pose_without_yaw
 from golden_gnss import (
+    alternating_receiver,
     contrary_velocity,
     drift_that_returns,
     drift_that_stays,
@@ -122,7 +123,7 @@ CLASSES = (
     power_on_moved, no_velocity, jump, short_jump, stamps_that_step,
     jump_without_velocity, jump_of_height, no_height, slow_drift,
     slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes,
-    late_stamps, late_positions,
+    alternating_receiver, late_stamps, late_positions,
     rtk, rtk_comes_and_goes, ned_velocity, sparse_fixes, positions_often, few_fixes, contrary_velocity, gaps,
     long_gap, saturation, no_rates, no_rate_for_a_moment, no_forces, no_samples, damaged_samples, wrong_heading,
     wrong_place, vague_heading, jump_before_heading, start_in_free_fall, everything_given, under_way,

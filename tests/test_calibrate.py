@@ -1,8 +1,11 @@
 """Calibration: known errors put into samples come back within their sigmas; unfit data is refused; files survive."""
 
+import errno
 import itertools
 import math
+import os
 import re
+import tempfile
 
 import numpy as np
 import pytest
@@ -241,8 +244,35 @@ def test_where_calibrations_are_kept(tmp_path, monkeypatch):
     with pytest.raises(BadDataError, match="delete it"):
         calibration.load("bad", folders)
     (tmp_path / "file").touch()
-    with pytest.raises(CannotCreateError, match="none of"):
+    with pytest.raises(CannotCreateError, match="file: File exists"):
         calibration.save(Calibration("x"), [tmp_path / "file"])
+
+
+def test_a_full_disk_leaves_nothing_behind_and_what_would_hide_a_new_one_is_said(tmp_path, monkeypatch):
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    made = tempfile.NamedTemporaryFile
+
+    def full(file):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as full_disk:
+        full_disk.setattr(os, "fsync", full)
+        with pytest.raises(CannotCreateError, match=r"first: No space left on device\n.*second: No space"):
+            calibration.save(Calibration("x"), [first, second])
+    assert not list(first.iterdir()) and not list(second.iterdir())
+
+    calibration.save(Calibration("x"), [first])
+
+    def read_only(*arguments, dir, **others):
+        if dir == first:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return made(*arguments, dir=dir, **others)
+
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", read_only)
+    with pytest.raises(CannotCreateError, match=r"Read-only file system; calibration-x\.toml in it would be used"):
+        calibration.save(Calibration("x"), [first, second])
+    assert calibration.save(Calibration("y"), [first, second]).parent == second
 
 
 def test_the_command(tmp_path, capsys):

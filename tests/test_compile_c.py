@@ -120,6 +120,14 @@ def arithmetic(x, y, out):
     return (~y ^ 3) & 0xFF | 1 << 9
 
 
+@kernel
+def divided(n, out):
+    out[0], out[1], out[2], out[3] = n // 1, n % 1, n // 8, n % 8
+    out[4], out[5], out[6], out[7] = n // 4096, n % 4096, n // 6, n % 6
+    out[8], out[9] = n // -4, n % -4
+    return n // 2
+
+
 def test_nested_records_and_arrays_of_them(in_c):
     ours = np.zeros(3, WHOLE)
     ours["k"] = 5
@@ -145,6 +153,14 @@ def test_the_bits_are_numbas(in_c, x, y):
     ours, theirs = np.zeros(7), np.zeros(7)
     assert in_c(arithmetic, np.array(x), y, theirs)(np.array(x), y, theirs) == arithmetic(np.array(x), y, ours)
     assert theirs.tobytes() == ours.tobytes()
+
+
+@pytest.mark.parametrize("n", [0, 1, -1, 7, -8, -9, 4095, -4096, -4097, 2**63 - 1, -(2**63)])
+def test_a_division_by_a_known_number_rounds_down(in_c, n):
+    got = np.zeros(10, np.int64)
+    assert in_c(divided, n, got)(n, got) == n // 2
+    pairs = [[n // by, n % by] for by in (1, 8, 4096, 6, -4)]
+    assert got.reshape(5, 2).tolist() == pairs
 
 
 def test_a_line_of_c_names_its_line_of_python(in_c, tmp_path):

@@ -172,6 +172,28 @@ def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_the_next_build_removes_what_a_killed_one_left_behind(built, tmp_path):
+    place = tmp_path / "kernels.so"
+    environment = {**os.environ, "IMUD_KERNELS": str(place)}
+    with subprocess.Popen([sys.executable, "-m", "imud", "warmup"], env=environment, cwd=ROOT) as process:
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.glob("*/*.c")):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.kill()
+    assert list(tmp_path.glob("kernels-*"))
+    (tmp_path / "kernels-of-somebody").touch()  # no folder of a build
+    code = """
+import shutil, sys
+from pathlib import Path
+from imud.compile import rebuild
+rebuild._in_a_process = lambda output: shutil.copy(sys.argv[2], output)
+print(rebuild.rebuild([Path(sys.argv[1])]))
+"""
+    assert run(str(place), str(built), code=code).stdout == f"{place}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-of-somebody", "kernels.so"]
+
+
 def test_without_a_compiler_a_message_explains_the_minutes_of_compilation(tmp_path, monkeypatch):
     code = "from imud.compile import library; print(library.library())"
     ended = run(code=code, CC="no-such-compiler", IMUD_KERNELS=str(tmp_path / "kernels.so"))

@@ -57,6 +57,7 @@ def exported(recording, **outputs):
 
 def test_fixes_without_an_inertial_sensor_are_exported(tmp_path, capsys):
     assert exported(recorded(tmp_path / "boat.mcap", 5), csv=tmp_path / "boat") == 0
+    assert not (tmp_path / "boat" / "states.csv").exists()
     rows = list(csv.DictReader((tmp_path / "boat" / "gnss.csv").open()))
     assert [(int(float(row["arrival_s"])), float(row["height_m"])) for row in rows] == [(s, 592.3) for s in range(1, 5)]
     assert "no samples of an inertial sensor in it: there are fixes only" in capsys.readouterr().err

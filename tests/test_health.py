@@ -126,6 +126,43 @@ def test_a_simulated_sensor_without_noise_is_not_frozen():
     assert not samples["flags"].any()
 
 
+def of_device(samples, rate=RATE):
+    """The sensor monitor's record after these samples of a device, which it has marked."""
+    health = new_health(G350, rate, is_device=True)
+    run(health, samples)
+    return health
+
+
+@pytest.mark.parametrize("rate", [50, 500])
+@pytest.mark.parametrize("different", [0, 1, 30, 200])
+def test_a_device_that_repeats_one_sample_from_its_first_block_on_is_reported_until_it_changes(rate, different):
+    samples = noisy(60.0, np.random.default_rng(different), rate)
+    first, end = different + max(rate, 100), 40 * rate  # 1 s, 100 samples at least
+    samples["w"][different:end], samples["f"][different:end] = samples["w"][different], samples["f"][different]
+    repeated = ("sends the same sample again and again",)
+    assert words(recent_findings(of_device(samples[:first], rate))) == ()
+    assert words(recent_findings(of_device(samples[: first + 1], rate))) == repeated
+    assert words(recent_findings(of_device(samples[:end], rate))) == repeated
+    assert words(recent_findings(of_device(samples, rate))) == ()
+    assert not samples["flags"].any()
+
+
+def test_a_device_of_counts_coarser_than_its_noise_may_repeat_samples_once_it_has_changed():
+    """Counts of 20 times the noise: all axes are constant at rest."""
+    samples = noisy(60.0, np.random.default_rng(7), gyro_lsbs=0.05, accel_lsbs=0.05)
+    assert (np.ptp(samples["w"], axis=0) == 0.0).all()
+    assert words(recent_findings(of_device(samples))) == ("sends the same sample again and again",)
+    samples["w"][at(1.0)] += GYRO_LSB
+    assert words(recent_findings(of_device(samples))) == ()
+
+
+@pytest.mark.parametrize("lsbs", [0.25, 0.5, 1.0, 10.0])
+def test_a_device_with_noise_of_a_quarter_of_its_counts_is_never_one_that_repeats_itself(lsbs):
+    samples = noisy(60.0, np.random.default_rng(8), gyro_lsbs=lsbs, accel_lsbs=lsbs)
+    assert words(recent_findings(of_device(samples))) == ()
+    assert not samples["flags"].any()
+
+
 def test_a_sensor_that_repeats_its_values_regularly_is_not_frozen():
     slow = noisy(60.0, np.random.default_rng(1), rate=20)
     samples = np.repeat(slow, 25)

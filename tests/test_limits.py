@@ -12,9 +12,9 @@ from crossbow_packets import packet
 from nmea_lines import gga
 from test_web import page_server, scripted_daemon
 
-from imud.commands.report.content import CROWDED, settled_range
 from imud.commands.report.findings import findings
 from imud.commands.report.session import Clock, Innovations, Session
+from imud.commands.report.settled import CROWDED, settled_range
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.status_tables import InnovationStatistics
 from imud.drivers.driver import Identity, ImuConfigured

@@ -12,16 +12,20 @@ DRIVES = {speed: drive(150.0, speed=speed) for speed in (12.0, 3.0)}
 OFF = 1e9
 
 
-def run(seed, step_dps, tuning=None, speed=12.0, every=1.0, shaken=0.0):
+def run(seed, step_dps, tuning=None, speed=12.0, every=1.0, shaken=0.0, survey=False):
     """(errors of the heading, deg; seconds wrong and sure) from the step on.
 
-    every: s, between two fixes; shaken: m/s in a second, velocity noise of the vibration under way.
+    every: s, between two fixes; shaken: m/s in a second, velocity noise of the vibration under way; survey: fixes of
+    centimetres without a velocity.
     """
     d, rng = DRIVES[speed], np.random.default_rng(seed)
     samples = sensed(d, rng)
     shocks = np.random.default_rng(100 + seed).standard_normal((len(d.t), 3))
     samples["f"] += shaken * RATE**0.5 * (d.t > 10.0)[:, None] * shocks
     fixes = received(d, rng, every=every, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
+    if survey:
+        fixes = received(d, rng, every=every, late=0.2, sigma=0.02, white=0.01, hdop=0.05)
+        fixes["speed"] = fixes["course"] = np.nan
     begin = int(BEGIN_S * RATE)
     samples["w"][begin:, 2] += np.radians(step_dps)
     out = navigate(samples, fixes, settings_of("free", tuning=tuning))[0]
@@ -41,6 +45,12 @@ def test_a_step_of_the_bias_is_found(step_dps, speed):
         blind += run(seed, step_dps, {"gyro_bias_step_chi2": OFF, "likely_gyro_bias_step_chi2": OFF}, speed)[1]
     assert blind > 30.0
     assert wrong < 3.0
+
+
+def test_positions_of_a_survey_show_a_step_of_the_bias():
+    found = [run(seed, -0.5, survey=True) for seed in range(3)]
+    assert max(yaw[int(25 * RATE) :].max() for yaw, _ in found) < 4.0
+    assert sum(seconds for _, seconds in found) < 3.0
 
 
 def test_velocities_at_5_hz_count_fully_where_vibration_makes_most_of_their_innovations():

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+import polars
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
 from recorded import reads_of, stored
@@ -20,6 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from imud.commands import replay_recordings
 from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
+from imud.estimators.filter_states import PLACES
 from imud.estimators.innovation_kinds import KINDS
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
@@ -27,6 +29,7 @@ from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNO
 from imud.recording.player import Player
 from imud.recording.samples import read_samples
 from imud.recording.source import Recording, adapter, group
+from imud.recording.state_messages import states_rows
 from imud.sensor_errors.calibration import read as read_calibration
 
 RATE_HZ = 250  # 1000 are recorded and replayed in test_aiding_live.py
@@ -269,6 +272,38 @@ def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "other.csv").read_bytes() != csv_file.read_bytes()
     assert command("replay", recorded, recorded, "-o", tmp_path, "--innovations", inn).returncode == 64
+
+
+def test_what_the_filter_estimates_beside_its_solution_is_recorded_once_a_second(recorded, tmp_path):
+    states = states_rows([entry.data for entry in Capture(recorded) if entry.topic == "/states"])
+    estimates = {int(row["t_ns"]): row for row in stored(recorded, ESTIMATE_TABLE)}
+    seconds = np.ptp(list(estimates)) * 1e-9
+    assert seconds - 2.5 < len(states) < seconds + 2.5
+    positioned = states[np.isfinite(states["covariance"][:, 0])]
+    sigmas = [estimates[int(row["t_ns"])]["sigma_p"][0] for row in positioned]
+    assert len(sigmas) > 3 and np.sqrt(positioned["covariance"][:, 0]) == pytest.approx(np.array(sigmas), rel=1e-6)
+    delay = PLACES["time_offset"]
+    assert np.isfinite(states["value"][-1, delay]) and np.isnan(states["value"][:, PLACES["odometer_scale"]]).all()
+    done = command("replay", recorded, "-o", tmp_path / "est.csv", "--states", tmp_path / "states.csv")
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "states.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert seconds - 2.5 < len(rows) < seconds + 2.5
+    assert float(rows[-1]["stime_offset_s"]) == pytest.approx(states["sigma"][-1, delay], rel=0.3)
+    assert command("replay", recorded, recorded, "-o", tmp_path, "--states", tmp_path / "s").returncode == 64
+    folder = tmp_path / "tables"
+    folder.mkdir()
+    (folder / "states.csv").write_text("of an earlier export")
+    done = command("export", recorded, "--csv", folder, "--parquet", folder)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "states.csv").read_bytes() == (tmp_path / "states.csv").read_bytes()
+    theirs = polars.read_parquet(folder / "states.parquet")
+    assert theirs.columns == list(rows[0])
+    for name in ("cov_an_an", "stime_offset_s"):
+        written = [float(row[name]) if row[name] else None for row in rows]
+        assert theirs[name].is_null().to_list() == [number is None for number in written]
+        known = [number for number in written if number is not None]
+        assert theirs[name].drop_nulls().to_list() == pytest.approx(known, rel=1e-8)
 
 
 def rates_of(path, calibration):

@@ -19,10 +19,14 @@ from recorded import decoded, stored
 
 from imud.drivers.capture import Capture
 from imud.drivers.capture_messages import FORMAT, READS_FIELDS, Raw, Reads
+from imud.estimators.filter_states import COVARIANCES, FILTER_STATES
+from imud.estimators.filter_states import STATES as FILTERED
 from imud.firmware_sim import recorded_bytes
 from imud.recording.messages import FIX_TABLE, SCHEMAS, TABLES
+from imud.recording.state_messages import STATES_FIELDS, states_message, states_rows
 
 OLD = Path(__file__).parent / "corpus/recordings/json.mcap"
+NUMBERS = 2 * len(FILTERED)
 FORMAT_2 = OLD.with_name("format2.mcap")  # of an emulated M-G350 with a receiver
 
 
@@ -41,6 +45,43 @@ def test_records_come_back_with_the_same_bits(data):
         for message, wanted in zip(messages, table.objects(rows), strict=True):
             read = decoded(table.schema.name, table.schema.data, message)
             np.testing.assert_equal({name: _plain(getattr(read, name)) for name in wanted}, wanted)
+
+
+@given(
+    st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False, width=32), min_size=NUMBERS, max_size=NUMBERS)
+)
+def test_states_come_back_and_one_that_is_not_known_costs_no_byte(numbers):
+    numbers = [math.nan if number is None else number for number in numbers]
+    rows = np.zeros(2, FILTER_STATES)
+    rows["t_ns"], rows["covariance"] = (-5, 2**60), math.nan
+    rows["covariance"][1] = np.arange(len(COVARIANCES))
+    rows["value"], rows["sigma"] = numbers[: len(FILTERED)], numbers[len(FILTERED) :]
+    messages = [states_message(row) for row in rows]
+    assert states_rows(messages).tobytes() == rows.tobytes()
+    known = np.count_nonzero(np.isfinite(numbers))
+    assert 9 + 5 * known <= len(messages[0]) <= 9 + 6 * known
+    read = decoded("imud.v1.States", SCHEMAS["/states"].data, messages[1])
+    assert (read.t_ns, list(read.covariance)) == (2**60, list(range(len(COVARIANCES))))
+    for i, state in enumerate(FILTERED):
+        name = f"{state.name}_{state.unit}".rstrip("_")
+        for field, number in ((name, rows["value"][1, i]), (f"sigma_{name}", rows["sigma"][1, i])):
+            assert getattr(read, field) == (0.0 if math.isnan(number) else number)
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x08\x05", b"\x09\x01", b"\x0a\x03abc", b"\x12\x03abc", b"\x12\x04abcd", b"\x19\x01\x02", b"\x1a\x00"]
+)
+def test_a_message_that_is_none_of_states_is_refused(data):
+    with pytest.raises(ValueError, match=r"cut off|no imud|size|unpack"):
+        states_rows([data])
+
+
+def test_numbers_that_have_no_place_are_left_out():
+    row = np.zeros(1, FILTER_STATES)
+    row["value"], row["sigma"] = 1e300, -np.inf
+    assert len(states_message(row[0])) == 9 + 3 + 4 * len(COVARIANCES)
+    unknown_field = b"\x05\x00\x00\x80\x3f"
+    assert not states_rows([unknown_field + states_message(row[0])])["covariance"].any()
 
 
 def fields_of(descriptions):
@@ -78,6 +119,8 @@ def test_the_layouts_are_those_of_their_version():
         "Innovation": 3849674721,
         "Clock": 1622399570,
     }
+    states = zlib.crc32(" ".join(f"{f.number} {f.name} {f.type}" for f in STATES_FIELDS[:72]).encode())
+    assert states == 986837449  # a new one is appended
 
 
 READS = st.lists(

@@ -4,10 +4,12 @@ import csv
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from imud.commands import main
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 
@@ -162,7 +164,7 @@ def test_a_given_start_needs_no_alignment(drive, tmp_path):
 def test_errors_are_reported(drive, arguments, code, says):
     folder, _ = drive
     header = (folder / "imu.csv").read_text().partition("\n")[0]
-    (folder / "long.csv").write_text(f"{header}\n{'1' * 1_000_000}{',0' * 6}\n")
+    (folder / "long.csv").write_text(f"{header}\n{'1' * 50_000}{',0' * 6}\n")
     names = {"imu": folder / "imu.csv", "long": folder / "long.csv"}
     ended = replay("--imu", folder / "imu.csv", *(a.format(**names) for a in arguments))
     assert ended.returncode == code, ended.stderr
@@ -190,3 +192,18 @@ def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):
     ended = replay("--imu", tmp_path / "imu.csv", "-o", tmp_path / "est.csv")
     assert ended.returncode == 0
     assert b"accelerometer x impossible (100 samples)" in ended.stderr
+
+
+def test_options_of_recordings_and_of_tables_are_not_ignored_with_the_other(tmp_path, capsys):
+    table, recording, out = (
+        tmp_path / "imu.csv",
+        Path(__file__).parent / "corpus/recordings/json.mcap",
+        tmp_path / "out",
+    )
+    table.write_text("t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n0,0,0,0,0,0,-9.8\n0.01,0,0,0,0,0,-9.8\n")
+    for option in (("--cluster", "localhost:1"), ("--jobs", "2")):
+        assert main(["replay", "--imu", str(table), *option, "-o", str(out)]) == 64
+        assert option[0] in capsys.readouterr().err
+    assert main(["replay", str(recording), "--aiding", f"heading={table}", "-o", str(out)]) == 64
+    assert "--aiding" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,6 +1,7 @@
 """`imud report`: its statistics against other people's, its words against runs with known faults, its page."""
 
 import asyncio
+import gzip
 import json
 import os
 from pathlib import Path
@@ -15,8 +16,10 @@ from imud.commands.report import distinct_labels, read
 from imud.commands.report.content import panels
 from imud.commands.report.findings import findings
 from imud.commands.report.session import Estimates, Part, Session, merged
+from imud.estimators.filter_states import FILTER_STATES, PLACES
 from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
 from imud.tables.estimates import EstimateWriter, write_innovations
+from imud.tables.filter_states import write_states
 from imud.tables.inputs import IMU_COLUMNS
 
 RECORDED = Path(__file__).parent / "corpus/recordings/json.mcap"
@@ -166,6 +169,40 @@ def test_a_report_sees_every_sample_also_of_a_recording_that_keeps_few(tmp_path)
     assert sensor.columns["wz"].min() == pytest.approx(samples["w"][:, 2].min())
 
 
+def test_what_the_filter_estimates_beside_its_solution_is_drawn_from_tables_and_recordings(files):
+    """Of a run that overlaps est.csv, whose time 0 is 1000 s: a time offset throughout, a mounting from the second row
+    on, nothing of an odometer."""
+    pytest.importorskip("mcap", reason="recordings need the extra imud[record]")
+    from imud.recording.file import RecordingFile
+    from imud.recording.messages import ESTIMATE_TABLE, STATES
+    from imud.recording.state_messages import states_message
+
+    rows = np.zeros(3, FILTER_STATES)
+    rows["t_ns"], rows["value"], rows["sigma"] = (2_500_000_000, 3_500_000_000, 4_500_000_000), np.nan, np.nan
+    rows["value"][:, PLACES["time_offset"]], rows["sigma"][:, PLACES["time_offset"]] = (0.1, 0.2, 0.3), 0.05
+    rows["value"][1:, PLACES["mount_yaw"]], rows["sigma"][1:, PLACES["mount_yaw"]] = np.radians(30.0), 0.1
+    write_states(files / "states.csv", 1000, rows)
+    file = RecordingFile(files / "drive.mcap", {"version": "0"}, b"{}", 0)
+    estimates = np.zeros(2, SOLUTION)
+    estimates["t_ns"] = 1_002_000_000_000, 1_005_000_000_000
+    for message in ESTIMATE_TABLE.encode(estimates):
+        file.write(ESTIMATE_TABLE.topic, 0, message)
+    rows["t_ns"] += 1000 * 10**9
+    for row in rows:
+        file.write(STATES, 0, states_message(row))
+    file.finish()
+    for name in ("states.csv", "drive.mcap"):
+        session = read([files / "est.csv", files / name])
+        figures = [figure for figure in panels(session) if "beside" in figure.title]
+        assert [figure.title.rpartition(" ")[2] for figure in figures] == ["receiver", "vehicle"]
+        ((delay,), (yaw,)) = (figure.panels for figure in figures)
+        (trace,) = delay.traces
+        assert (delay.title, delay.y) == ("time offset", "s")
+        assert trace.x == pytest.approx([2.5, 3.5, 4.5]) and trace.y == pytest.approx([0.1, 0.2, 0.3])
+        assert trace.sigma == pytest.approx(0.05)
+        assert np.isnan(yaw.traces[0].y[0]) and yaw.traces[0].y[1:] == pytest.approx(30.0)
+
+
 def test_runs_at_the_same_time_share_an_axis_and_those_of_other_days_lie_over_them():
     def part(first, last):
         columns = {name: np.array([0.25, 1.0]) for name in ("t_s",)}
@@ -241,6 +278,29 @@ def test_bad_files_are_reported(content, code, says, tmp_path, capsys):
         path.write_text(content)
     assert main(["report", str(path), "-o", str(tmp_path / "x.html")]) == code
     assert says in capsys.readouterr().err
+
+
+TABLES = {
+    "tabs": lambda text: text.replace(",", "\t").encode(),
+    "semicolons, decimal commas": lambda text: text.replace(",", ";").replace(".", ",").encode(),
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "gzip": lambda text: gzip.compress(text.encode()),
+    "comments": lambda text: f"# a logger\n{text}".encode(),
+    "cut off": lambda text: f"{text}1030.5,1".encode(),
+    "cut off by a loss of power": lambda text: text.encode() + bytes(512),
+}
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_a_table_of_any_make_gives_the_same_report(form, files, tmp_path):
+    """As `imud replay` reads them: tests/test_tables.py."""
+    (tmp_path / "other").mkdir()
+    for name in NAMES:
+        (tmp_path / "other" / name).write_bytes(TABLES[form]((files / name).read_text()))
+    plain, other = (read([folder / name for name in NAMES]) for folder in (files, tmp_path / "other"))
+    drawn, as_drawn = (msgspec.json.encode(panels(session), enc_hook=np.ndarray.tolist) for session in (other, plain))
+    assert drawn == as_drawn
+    assert findings(other) == findings(plain)
 
 
 def test_a_page_that_cannot_be_written_is_reported(files, capsys):

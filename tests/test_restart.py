@@ -1,5 +1,8 @@
 """A daemon that ended without warning goes on where it was, as after a gap in the samples, and no surer than that."""
 
+import os
+import time
+
 import numpy as np
 import pytest
 from navigation_simulation import drive, errors, received, sensed
@@ -137,6 +140,18 @@ def test_a_checkpoint_is_taken_once(folder):
     assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"what a filter knows\n" * 9
     assert checkpoint_file.take(SENSOR, PORT, 10**9) == b""
     assert not list(folder.iterdir())
+
+
+def test_old_ones_of_sensors_that_did_not_come_back_are_removed(folder):
+    for name, age_s in (("filter-old", 10**5), (".filter-old-77", 10**5), ("filter-new", 10), ("biases-old", 10**5)):
+        (folder / name).touch()
+        os.utime(folder / name, (time.time() - age_s, time.time() - age_s))
+    (folder / "filter-folder").mkdir()
+    os.utime(folder / "filter-folder", (0, 0))
+    own = folder / checkpoint_file._name(SENSOR, PORT)
+    os.utime(own, (0, 0))  # the clock has stepped by years
+    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"what a filter knows\n" * 9
+    assert {path.name for path in folder.iterdir()} == {"filter-new", "biases-old", "filter-folder"}
 
 
 def test_it_is_kept_where_a_file_can_be_made(folder, monkeypatch):

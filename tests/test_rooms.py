@@ -71,7 +71,16 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/noise_density.py",),
     tuple(
         f"imud/estimators/ins/{name}.py"
-        for name in ("checkpoint", "error_model", "lever_arm", "setup", "solution", "source_estimates")
+        for name in (
+            "checkpoint",
+            "error_model",
+            "filter_states",
+            "integrity/alternating_receiver",
+            "lever_arm",
+            "setup",
+            "solution",
+            "source_estimates",
+        )
     ),
     tuple(  # what has to see every step of the Kalman filter
         f"imud/estimators/ins/{name}.py"

@@ -1,6 +1,8 @@
 """Shared memory: no reader sees half a state, and what a crash or another program left is noticed."""
 
 import ctypes
+import errno
+import fcntl
 import multiprocessing
 import os
 import shutil
@@ -17,6 +19,7 @@ from binary_outputs import opened, serve, solutions
 
 from imud import client
 from imud.commands import reference
+from imud.errors import CannotCreateError
 from imud.outputs.shared_memory import SharedMemory
 
 
@@ -150,6 +153,44 @@ def test_a_truncated_file_is_written_anew(outputs, size):
     outputs.publish(solutions(1, 4), 1, 4, 0)
     assert shared.read().seq == 4
     shared.close()
+
+
+def _without_a_process():
+    with subprocess.Popen(["true"]) as process:
+        process.wait()
+    return process.pid
+
+
+@pytest.mark.parametrize("ended", ["as it should", "killed", "at another boot"])
+def test_a_reader_that_locks_the_file_does_not_keep_the_next_daemon_from_it(tmp_path, ended):
+    path = tmp_path / "m"
+    SharedMemory(str(path)).close()
+    if ended != "as it should":
+        boot = bytes(16) if ended == "at another boot" else client.boot_id()
+        left = client.LIVENESS.pack(time.monotonic_ns() - 3 * client.STALE_NS, _without_a_process(), boot)
+        path.write_bytes(path.read_bytes()[: -len(left)] + left)
+    with path.open("rb") as reader:
+        fcntl.flock(reader, fcntl.LOCK_SH)
+        memory = SharedMemory(str(path))
+        with pytest.raises(CannotCreateError, match="another imud writes there"):
+            SharedMemory(str(path))
+        memory.close()
+
+
+def test_a_full_disk_is_no_defect_of_the_daemon(outputs, monkeypatch, capsys):
+    outputs.publish(solutions(1, 3), 1, 3, 0)
+    os.truncate(outputs.at / "m", 0)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "pwrite", full)
+        outputs.tick(time.monotonic_ns())
+        outputs.tick(time.monotonic_ns())
+    assert "".join(capsys.readouterr()).count("cannot be written: No space left on device") == 1
+    outputs.tick(time.monotonic_ns())
+    assert client.latest(outputs.at / "m").seq == 3
 
 
 def test_a_thread_may_wait_while_the_daemon_starts(outputs):

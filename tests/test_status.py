@@ -22,6 +22,7 @@ from imud.commands.status import innovations
 from imud.daemon.sigma_shares import SigmaShares
 from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
+from imud.estimators.filter_states import STATES
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
 from imud.outputs.addresses import parse_address
@@ -105,6 +106,12 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     assert value(found, "imud_filter_state", state="position") == 1
     assert value(found, "imud_innovations", kind="north", outcome="used") > 0
     assert value(found, "imud_clients", output="gpsd") == 2
+    assert value(found, "imud_gnss_bias_sigma_meters", part="d") > 0.0 and "imud_odometer_scale_ratio" not in found
+    height_bias = value(found, "imud_gnss_bias_meters", part="d")
+    assert height_bias == pytest.approx(last["states"]["gnss_bias_d_m"], abs=4.0 * last["states"]["sgnss_bias_d_m"])
+    stated = math.sqrt(last["states"]["cov_pn_pn"])
+    assert stated == pytest.approx(last["filter"]["sn_m"], rel=0.3)
+    assert not [name for name in last["states"] if "odometer" in name or "baro" in name]
     model = next(s.labels for s in found["imud_port_info"].samples if s.labels["port"] == imu)
     assert (model["model"], model["serial"]) == ("M-G350", ports[imu]["serial"])
     assert all(family.documentation and family.type in ("gauge", "counter") for family in found.values())
@@ -224,6 +231,19 @@ def test_innovations_without_a_value_have_no_ratio_to_show():
     refused, judged = {"used": 0, "rejected": 109}, {"used": 7, "rejected": 1, "ratio": 0.96}
     assert innovations({"north": refused}) == ["0 used, 109 rejected"]
     assert innovations({"north": refused, "east": judged}) == ["east 0.96", "ratio 1 is right; 7 used, 110 rejected"]
+
+
+def test_what_the_filter_has_found_stands_in_one_row_with_its_sigma():
+    found = {"time_offset_s": 0.153, "stime_offset_s": 0.0121, "baro_offset_m": 90.0, "sbaro_offset_m": 1.0}
+    found |= {"mount_pitch_deg": -0.31, "smount_pitch_deg": 0.2, "mount_yaw_deg": 12.34, "smount_yaw_deg": 0.46}
+    found |= {f"gnss_bias_{axis}_m": 1.0 for axis in "ned"} | {f"sgnss_bias_{axis}_m": 0.6 for axis in "ned"}
+    text = "fixes late by +0.153 ±0.012 s, pitch, yaw of the vehicle -0.31 +12.34 ±0.46°"
+    assert list(status._states(found)) == [("found", text)]
+    found = dict.fromkeys([state.column for state in STATES], 100.0)
+    found |= {f"s{name}": 1.0 for name in found}
+    lines = list(status._states(found))
+    assert len(lines) == 3 and all(len(line) <= 100 for _, line in lines)
+    assert not list(status._states({})) and not list(status._states({"gnss_noise_vertical_m": 1.0}))
 
 
 @contextlib.contextmanager

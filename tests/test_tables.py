@@ -4,18 +4,22 @@ import gzip
 import io
 import math
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nmea_lines import gga
 
+from imud.configuration.settings import Gnss
 from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.math.decimal import write_fixed, write_seconds
 from imud.math.rotation import quat_of_euler
 from imud.tables import estimates as estimate_tables
 from imud.tables import inputs as tables
+from imud.tables.nmea_log import fixes_of_log
 
 HEADER = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n"
 
@@ -171,6 +175,7 @@ FORMS = {
     "a commented header": lambda text: f"# {text}".encode(),
     "cut off": lambda text: f"{text}0.02,1,2,-".encode(),
     "cut off by a loss of power": lambda text: text.encode() + bytes(512),
+    "cut off by a loss of power in a row": lambda text: f"{text}0.02,1".encode() + bytes(1 << 20),
 }
 _CELLS = re.compile("([,\n])")
 
@@ -183,6 +188,36 @@ def test_a_table_of_any_make_is_read_as_the_plain_one(tmp_path, form):
     samples, _, _ = tables.read_imu(path)
     plain, _, _ = tables.read_imu(write(tmp_path, body, ""))
     assert samples.tobytes() == plain.tobytes()
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+def test_a_line_without_an_end_is_not_read_into_memory(tmp_path, zipped):
+    """As of a small file that unzips to gigabytes."""
+    path = tmp_path / "in.csv"
+    body = (HEADER + "0,0,0,0,0,0,-9.8\n").encode() + b"1" * (64 << 20)
+    path.write_bytes(gzip.compress(body) if zipped else body)
+    del body
+    tracemalloc.start()
+    try:
+        with pytest.raises(BadDataError, match="line 3: longer than 64 KiB"):
+            tables.read_imu(path)
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+def test_a_log_that_unzips_to_much_is_read_in_pieces(tmp_path, zipped):
+    path = tmp_path / "track.nmea"
+    body = b"".join(gga(f"12000{k}.000") for k in range(3)) + bytes(64 << 20)
+    path.write_bytes(gzip.compress(body) if zipped else body)
+    del body
+    tracemalloc.start()
+    try:
+        assert len(fixes_of_log(path, 0, 0, Gnss())) == 3
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("row", ["x", "s,deg/s,1,,m/s^2,m/s^2,g"])

@@ -282,6 +282,33 @@ async def fits(page):
 
 
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
+def test_the_page_shows_what_the_filter_has_found_of_receiver_and_vehicle(tmp_path):
+    states = {"time_offset_s": 0.153, "stime_offset_s": 0.0121, "mount_yaw_deg": 0.3, "smount_yaw_deg": 0.2}
+    status = {"class": "STATUS", "aiding.sources.odometer.received": 7, "version": "1"}
+    status |= {f"states.{name}": value for name, value in states.items()}
+    lines = [json.dumps(line).encode() for line in ({"class": "VERSION"}, EST, status)]
+
+    async def look(url):
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{url}live") as channel:
+            news = await heard(channel, lambda n: "STATUS" in n)
+        found = {"fixes late by": "+0.153 ±0.012 s"}
+        assert news["STATUS"] == {"class": "STATUS", "aiding.sources.odometer.received": 7, "found": found}
+        async with browser(tmp_path / "profile") as page:
+            await page.open(url)
+            text = "document.getElementById('health').innerText"
+            await page.until(f"/fixes late by\\s+\\+0.153 ±0.012 s/.test({text})")
+            assert "vehicle" not in await page.evaluate(text)
+            assert page.errors == []
+
+    async def serve(url):
+        async with scripted_daemon(tmp_path / "gpsd.sock", *lines):
+            await look(url)
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(serve(url))
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
     ports = ("--port", "sim:car", "--port", "sim:car:nmea")
     socket, folder = tmp_path / "gpsd.sock", tmp_path / "recordings"

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from ..estimators.filter_states import STATES
+
 
 class Metric(NamedTuple):
     """A family of samples. `pattern`: matches the keys of the flat status; its groups are the labels."""
@@ -19,6 +21,20 @@ class Metric(NamedTuple):
 
 
 _GAUGE, _COUNTER = "gauge", "counter"
+_UNITS = {"s": "seconds", "m": "meters", "mps": "meters_per_second", "deg": "degrees", "": "ratio"}
+
+
+def _of_filter_states() -> Iterator[Metric]:
+    """Two for each kind of what a filter estimates beside its solution: value and sigma, labelled by their parts."""
+    for kind in dict.fromkeys(state.kind for state in STATES):
+        states = [state for state in STATES if state.kind == kind]
+        parts, unit = "|".join(state.part for state in states), states[0].shown_unit
+        pattern = "_".join(filter(None, (kind, f"(?P<part>{parts})" if parts else "", unit)))
+        about = f"{states[0].about[0].upper()}{states[0].about[1:]}."
+        yield Metric(f"imud_{kind}_{_UNITS[unit]}", _GAUGE, about, rf"states\.{pattern}")
+        yield Metric(f"imud_{kind}_sigma_{_UNITS[unit]}", _GAUGE, "Its deviation.", rf"states\.s{pattern}")
+
+
 _PORT = r"ports\.(?P<port>\d+)\."
 _SINCE = ", since it streams"
 METRICS = (
@@ -126,6 +142,7 @@ METRICS = (
     Metric("imud_gpsd_expelled_total", _COUNTER, "Disconnected clients.", r"outputs\.gpsd\.expelled"),
     Metric("imud_gpsd_requests_total", _COUNTER, "Requests.", r"outputs\.gpsd\.requests"),
     Metric("imud_gpsd_errors_total", _COUNTER, "Requests answered with an error.", r"outputs\.gpsd\.errors"),
+    *_of_filter_states(),
 )  # fmt: skip
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _INFO = ("path", "driver", "model", "serial", "firmware")

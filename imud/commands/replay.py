@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--innovations", type=Path, metavar="CSV", help="of fixes, rest and constraints, for `imud report`"
     )
+    parser.add_argument(
+        "--states", type=Path, metavar="CSV", help="each second: delays, mounting, scale, covariance, …; not smoothed"
+    )
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with --gnss, else attitude")
     parser.add_argument("--initial", default="", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
     parser.add_argument("--rate", type=above_zero, metavar="HZ", help="thin the output (default: every sample)")
@@ -76,23 +80,26 @@ def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
 def run(args: argparse.Namespace) -> int:
     aiding_files = (Path(text.partition("=")[2]) for text in args.aiding)
     inputs = [args.imu, args.gnss, args.calibration, args.config, *aiding_files, *args.recordings]
-    refuse_overwriting([args.output, args.innovations], inputs)
+    refuse_overwriting([args.output, args.innovations, args.states], inputs)
     if args.recordings:
         from . import replay_recordings
 
-        if args.imu or args.gnss:
-            raise UsageError("replay: --imu and --gnss are tables; name these or recordings, not both")
+        if args.imu or args.gnss or args.aiding:
+            raise UsageError("replay: --imu, --gnss and --aiding are tables; name these or recordings, not both")
         return replay_recordings.run(args)
-    settings = config.load(args.config, args.set)
-    initial = config.initial_of(settings, args.initial)
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
+    if args.cluster or args.jobs > 1:
+        raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
+    settings = config.load(args.config, args.set)
+    initial = config.initial_of(settings, args.initial)
     from ..batch import play
     from ..estimators import registry
     from ..pipeline import Filter
     from ..sensor_errors import calibration
     from ..sensor_monitor.findings import counted
     from ..tables.estimates import EstimateWriter
+    from ..tables.filter_states import FilterStates, write_states
     from ..tables.inputs import SkippedRows, read_imu
 
     estimator = registry.by_name(_estimator_name(args, settings))
@@ -111,12 +118,20 @@ def run(args: argparse.Namespace) -> int:
         innovations: list[Records] = []
         mask = _output_mask(samples["t_ns"], args.rate)
         progress = Progress(len(samples))
+        states = FilterStates()
+        each_second = None if args.states is None else partial(states.take, filter_)
         if args.smooth:
-            fed = _smooth(filter_, samples, fixes, aiding, mask, writer.write, innovations.append, progress.at)
+            fed = _smooth(
+                filter_, samples, fixes, aiding, mask, writer.write, innovations.append, progress.at, each_second
+            )
         else:
-            fed = play(filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at)
+            fed = play(
+                filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at, each_second
+            )
     if args.innovations is not None:
         _write_innovations(args.innovations, origin, innovations)
+    if args.states is not None:
+        write_states(args.states, origin, states.rows)
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
     for finding in counted(filter_.health):
         print(f"imud replay: {args.imu}: {finding}", file=sys.stderr)
@@ -136,13 +151,14 @@ def _smooth(
     write: Any,
     note: Any,
     advance: Any,
+    each_second: Any,
 ) -> int:
     """As `play`, and then backward in time."""
     from ..batch import play
     from ..smoothing import Forward, smooth
 
     forward = Forward(filter_)
-    fed = play(filter_, samples, fixes, forward.take, note=note, aiding=aiding, advance=advance)
+    fed = play(filter_, samples, fixes, forward.take, None, note, aiding, advance, each_second)
     kept = Kept(mask)
     smooth(forward, samples, fixes, aiding, lambda solutions: write(kept.of(solutions)))
     return fed

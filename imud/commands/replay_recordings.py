@@ -18,8 +18,8 @@ from ..recording.source import Recording, adapter, group, tell
 def run(args: argparse.Namespace) -> int:
     recordings, failed = group(args.recordings)
     several = len(recordings) + len(failed) > 1
-    if several and args.innovations:
-        raise UsageError("replay: --innovations is of one recording")
+    if several and (args.innovations or args.states):
+        raise UsageError("replay: --innovations and --states are of one recording")
     jobs = _jobs(args, [recording.paths for recording in recordings], several)
     if several or args.cluster:
         return _many(jobs, failed, args)
@@ -92,6 +92,7 @@ def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_fol
             rate_hz=args.rate,
             smooth=args.smooth,
             innovations=args.innovations and args.innovations.absolute(),
+            states=args.states and args.states.absolute(),
             calibration=args.calibration and args.calibration.absolute(),
         )
         for paths, name in zip(recordings, names, strict=True)

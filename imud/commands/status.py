@@ -18,6 +18,7 @@ from ..outputs.addresses import Address, parse_address
 from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
 from ..sensors.limits import is_beyond
 from . import metrics
+from .notable_states import notable_states
 
 PORT = 2947
 TIMEOUT_S = 5.0
@@ -127,6 +128,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     load = "OVERLOADED" if status["load"]["overloaded"] else "keeps up"
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {load}"
     yield from _filter(status["filter"])
+    yield from _states(status.get("states", {}))
     if by_kind := status.get("innovations"):
         yield from zip_longest(["innovations"], innovations(by_kind), fillvalue="")
     for port in status["ports"]:
@@ -222,6 +224,11 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
         texts = [f"{what} {form.format(f[key], f.get(sigma, math.inf))}" for what, key, sigma, form in known]
         if texts:
             yield name, ", ".join(texts)
+
+
+def _states(found: Table) -> Iterator[tuple[str, str]]:
+    text = ", ".join(f"{label} {values}" for label, values in notable_states(found).items())
+    yield from zip_longest(["found"] if text else [], textwrap.wrap(text, _WIDTH), fillvalue="")
 
 
 _Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format

@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +21,8 @@ def rebuild(candidates: Sequence[Path]) -> Path:
     with _locked(candidates) as path:
         if defect(path) is not None:  # no other process has built it meanwhile
             print("imud: compiling the kernels for these sources, some 15 s", file=sys.stderr, flush=True)
+            for left_behind in path.parent.glob(f"{path.stem}-*/"):  # by one that was killed: nobody else builds now
+                shutil.rmtree(left_behind, ignore_errors=True)
             with tempfile.TemporaryDirectory(prefix=f"{path.stem}-", dir=path.parent) as folder:
                 made = Path(folder, path.name)
                 _in_a_process(made)

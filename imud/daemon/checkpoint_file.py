@@ -1,7 +1,8 @@
 """A filter's checkpoint as a file: one for each sensor, on a tmpfs where there is one, for the next run of the daemon.
 
 It is used once, by the next run, and only if nothing but a gap in the samples can lie between: the same boot, the same
-sensor on the same port, seconds ago, and the right digest. Any other file in its place is ignored.
+sensor on the same port, seconds ago, and the right digest. Any other file in its place is ignored, and old ones of
+sensors and ports that did not come back are removed.
 """
 
 import contextlib
@@ -15,6 +16,7 @@ from ..compile.hashing import digest_of
 from ..folders import boot_id, folders_for, read_file, save_in
 
 _NS = 1_000_000_000
+_UNUSED_S = 86400.0  # on the clock of the files, which may step: files that old are removed
 _SUSPENDED_NS = 100_000_000  # if the two clocks differ by more, the machine was suspended and samples were lost
 
 
@@ -49,7 +51,16 @@ def take(sensor: str, port: str, max_age_ns: int) -> bytes:
             intact = header.digest == digest_of(checkpoint)
             if same and intact and 0 <= age_ns <= max_age_ns and suspended_ns <= _SUSPENDED_NS and not found:
                 found = checkpoint
+        _remove_unused(folder)
     return found
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove old checkpoints, and what a daemon that was killed while it wrote one has left of it."""
+    for path in (*folder.glob("filter-*"), *folder.glob(".filter-*")):
+        with contextlib.suppress(OSError):
+            if time.time() - path.lstat().st_mtime > _UNUSED_S:
+                path.unlink()
 
 
 def _folders() -> list[Path]:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 
+from ..estimators.filter_states import OncePerPeriod
 from ..math.arrays import Records
 from ..outputs.all import Outputs
 from ..outputs.view import Health, View
@@ -28,6 +29,7 @@ class Publisher:
         self._devices, self._recordings, self._outputs, self._health = devices, recordings, outputs, health
         self.load = Load()
         self.innovations, self.shares = InnovationStatistics(), SigmaShares()
+        self._states_period = OncePerPeriod()
 
     def max_batch(self) -> int:
         """The largest batch of solutions that the fast loop publishes by itself, without calling `on_solutions`."""
@@ -71,15 +73,19 @@ class Publisher:
             receiver.measured.clear()
 
     def tick(self, latency_s: float, now_ns: int) -> None:
-        """Handle fixes whose epoch ended by silence, and innovations without a fix."""
+        """Handle fixes whose epoch ended by silence, innovations without a fix, and what is recorded once a second."""
         if self._devices.in_use.gnss:
             self.on_fixes(self._devices.in_use.gnss[1].flush(now_ns), latency_s)
             self.on_readings()
-        inertial = self._devices.selection.inertial
-        if inertial is not None and len(innovations := inertial.stream.filter.pending_innovations()):
+        if (inertial := self._devices.selection.inertial) is None:
+            return
+        recorder = self._recordings.current
+        if len(innovations := inertial.stream.filter.pending_innovations()):
             self.innovations.add(innovations)
-            if recorder := self._recordings.current:
+            if recorder:
                 recorder.record_innovations(innovations)
+        if recorder and self._states_period.is_due(now_ns):
+            recorder.record_states(inertial.stream.filter.filter_states())
 
     def publish(self, inertial: Inertial, now_ns: int) -> None:
         """Send the newest solution to those clients whose message is due."""

@@ -122,6 +122,7 @@ class StatusReporter:
                 "internal_errors": {"count": self._errors.count, "last": self._errors.last},
                 "load": status_tables.of_load(publisher.load),
                 "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
+                "states": status_tables.of_filter_states(devices.selection.inertial),
                 "totals": status_tables.of_all_connections(devices.selection.inertial),
                 "innovations": publisher.innovations.table(),
                 "aiding": self._aiding_table(publisher, aiding, now_ns),

@@ -23,6 +23,7 @@ from imud.drivers.driver import ImuConfigured
 
 from .. import __version__
 from ..compile import library
+from ..estimators import filter_states
 from ..estimators.aiding_source import AidingSource
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import ATTITUDE_VALID, REST_N, REST_Z
@@ -179,6 +180,13 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
         **_named("antenna_{}_m", "xyz", inertial.stream.filter.settings.navigation.lever_arm_m if inertial else ()),
         "sample": _sample_sigmas(inertial),
     }
+
+
+def of_filter_states(inertial: "Inertial | None") -> Table:
+    """What the filter has found beside its solution, and the covariance of position, velocity and attitude."""
+    if inertial is None or not len(rows := inertial.stream.filter.filter_states()):
+        return {}
+    return {name: float(values[0]) for name, values in filter_states.cells(rows).items()}
 
 
 def _sample_sigmas(inertial: "Inertial | None") -> Table:

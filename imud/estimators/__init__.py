@@ -43,6 +43,8 @@ class Estimator:
     variances(state) -> those of the horizontal position and height, m^2, horizontal velocity, (m/s)^2, and heading,
     rad^2; None: it does not navigate yet. None: it has none.
     place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
+    filter_states(state) -> at most one row of FILTER_STATES (`filter_states`): what it estimates beside its solution.
+    None: nothing that others want to know.
     rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
     survives_power_on: a sample with POWER_ON resets its biases, or it estimates none; else it is started anew then.
     """
@@ -64,6 +66,7 @@ class Estimator:
     source_estimates: Callable[[Records], dict[int, dict[str, float | str]]] | None = None
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None
+    filter_states: Callable[[Records], Records] | None = None
     pending_innovations: Callable[[Any, Any], int] | None = None
     tunables: tuple[Tunable, ...] = ()
     aid: Callable[[Any, Any, Any, Any], int] | None = None

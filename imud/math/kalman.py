@@ -150,27 +150,30 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
         d[i] = 0.0
     k = 0
     while k < m:
-        first, run = columns[k], 1
-        at = first  # of element (i, first), down the column to the diagonal
-        if (
-            k + 2 < m and columns[k + 1] == first + 1 and columns[k + 2] == first + 2
-        ):  # three, down their columns at once
-            run, a, b, c = 3, values[k], values[k + 1], values[k + 2]
+        first = columns[k]
+        at, row = first, packed_index(n, first, first)  # of element (i, first), down the column; of the diagonal
+        if k + 2 < m and columns[k + 1] == first + 1 and columns[k + 2] == first + 2:  # three at once
+            a, b, c = values[k], values[k + 1], values[k + 2]
             for i in range(first):
                 x = d[np.uint64(i)] + P[np.uint64(at)] * a
                 d[np.uint64(i)] = x + P[np.uint64(at + 1)] * b + P[np.uint64(at + 2)] * c
                 at += n - 1 - i
+            row1 = row + n - first
+            row2 = row1 + n - first - 1
+            d[first] = d[first] + P[row] * a + P[row + 1] * b + P[row + 2] * c
+            d[first + 1] = d[first + 1] + P[row + 1] * a + P[row1] * b + P[row1 + 1] * c
+            d[first + 2] = d[first + 2] + P[row + 2] * a + P[row1 + 1] * b + P[row2] * c
+            for i in range(3, n - first):  # unsigned indices: see `update`
+                x = d[np.uint64(first + i)] + P[np.uint64(row + i)] * a
+                d[np.uint64(first + i)] = x + P[np.uint64(row1 + i - 1)] * b + P[np.uint64(row2 + i - 2)] * c
+            k += 3
         else:
-            for i in range(first):
-                d[np.uint64(i)] += P[np.uint64(at)] * values[k]
-                at += n - 1 - i
-        for column in range(first, first + run):
             value = values[k]
-            for i in range(first, column):
-                d[i] += P[packed_index(n, i, column)] * value
-            row = packed_index(n, column, column)
-            for i in range(n - column):  # unsigned indices: see `update`
-                d[np.uint64(column + i)] += P[np.uint64(row + i)] * value
+            for i in range(first):
+                d[np.uint64(i)] += P[np.uint64(at)] * value
+                at += n - 1 - i
+            for i in range(n - first):
+                d[np.uint64(first + i)] += P[np.uint64(row + i)] * value
             k += 1
     v = 0.0
     for k in range(m):

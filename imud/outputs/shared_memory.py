@@ -5,20 +5,25 @@ Layout, all little-endian: the lock (uint64: 0 before the first state, odd while
 the daemon's `imud.client.LIVENESS`: heartbeat, pid and boot id, by which a reader detects a state that a crashed daemon
 left behind. The daemon writes the file and does not map it: if a user with write permission truncates the file, the
 daemon writes it anew, where a mapping would end the daemon with SIGBUS. All others may only read.
+
+A daemon locks the file against a second one. Who may read a file may lock it, too; so a lock counts only if a daemon
+has left its heartbeat or process in the file.
 """
 
 import fcntl
 import os
 import stat
 import time
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, boot_id
+from imud.client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, STALE_NS, boot_id
 from imud.compile.entry import entry
 from imud.compile.system import fence, pwrite, records
 from imud.errors import CannotCreateError, PermissionDeniedError
+from imud.process.log import get_logger
 
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record
@@ -52,7 +57,7 @@ class SharedMemory:
 
     def __init__(self, path: str) -> None:
         """Create the file, or reuse an earlier run's. Raises CannotCreateError (73), PermissionDeniedError (77)."""
-        self.file = _open(path)
+        self.file, self._path, self._warned = _open(path), path, False
         self._memory: NDArray[np.uint64] = np.zeros(SHARED_SIZE // WORD.itemsize, WORD)
         self._memory[_HEARTBEAT:] = np.frombuffer(LIVENESS.pack(time.monotonic_ns(), os.getpid(), boot_id()), WORD)
         try:
@@ -76,12 +81,21 @@ class SharedMemory:
     def write_heartbeat(self, now_ns: int) -> None:
         """Call several times per second: readers see that the daemon runs. Restores a file that was truncated."""
         self._memory[_HEARTBEAT] = now_ns
-        self._write_all()
+        self._try_write_all()
+
+    def _try_write_all(self) -> None:
+        """Where another program has truncated the file, there may be no space left for it."""
+        try:
+            self._write_all()
+        except OSError as error:
+            if not self._warned:
+                get_logger().warning(f"the shared memory {self._path} cannot be written: {error.strerror}")
+            self._warned = True
 
     def close(self) -> None:
         """Mark the file as without a state and without a running daemon."""
         self._memory[0] = self._memory[_HEARTBEAT] = 0
-        self._write_all()
+        self._try_write_all()
         os.close(self.file)
 
 
@@ -99,10 +113,23 @@ def _open(path: str) -> int:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        os.close(file)
-        raise CannotCreateError(f"cannot share memory in {path}: another imud writes there") from error
+        if _has_daemon(file):
+            os.close(file)
+            raise CannotCreateError(f"cannot share memory in {path}: another imud writes there") from error
+        get_logger().warning(f"a program that is no imud holds a lock of the shared memory {path}")
     if os.fstat(file).st_size and os.pread(file, len(MAGIC), _LOCK_BYTES) not in (MAGIC, bytes(len(MAGIC))):
         os.close(file)
         raise CannotCreateError(f"cannot share memory in {path}: that is another kind of file; choose another name")
     os.fchmod(file, 0o644)  # whatever a service's umask
     return file
+
+
+def _has_daemon(file: int) -> bool:
+    """Whether a daemon writes to the file, or has created it and will; one that is stopped does, too."""
+    liveness = os.pread(file, LIVENESS.size, _HEARTBEAT * WORD.itemsize)
+    if len(liveness) < LIVENESS.size:
+        return True
+    heartbeat_ns, pid, boot = LIVENESS.unpack(liveness)
+    if heartbeat_ns == 0 or boot != boot_id():
+        return False
+    return time.monotonic_ns() - heartbeat_ns < STALE_NS or Path(f"/proc/{pid}").exists()

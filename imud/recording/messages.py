@@ -22,11 +22,13 @@ from ..estimators.records import FIX, INNOVATION, SOLUTION
 from ..math.arrays import Records
 from .clock_fit import CLOCK_FIT
 from .foxglove import FRAME_TRANSFORM, LOCATION_FIX
+from .state_messages import STATES_FIELDS
 
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
 RECEIVER_LOCATION = "/gnss/location"  # live only: in a recording the fixes tell it
 AIDING = "/aiding"
+STATES = "/states"
 
 
 class Schema(NamedTuple):
@@ -256,6 +258,7 @@ _NUMBERS = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 
 SCHEMAS: dict[str, Schema] = {  # by topic
     **{table.topic: table.schema for table in TABLES},
     READS: _protobuf({"imud.v3.Reads": READS_FIELDS}),
+    STATES: _protobuf({"imud.v1.States": STATES_FIELDS}),
     LOCATION: _protobuf(LOCATION_FIX),
     RECEIVER_LOCATION: _protobuf(LOCATION_FIX),
     POSE: _protobuf(FRAME_TRANSFORM),

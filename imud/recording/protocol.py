@@ -25,6 +25,7 @@ class MessageKind(IntEnum):
     CLOCK = 10  # a row of CLOCK_FIT
     DISCARD = 11  # nothing: the start was refused; a file in which no device has streamed is removed
     MEASUREMENT = 12  # JSON of a measurement of an aiding source
+    STATES = 13  # a row of FILTER_STATES
 
 
 def items(packet: bytes) -> Iterator[tuple[int, int, int, bytes]]:

@@ -152,6 +152,11 @@ class Recorder:
             self._clock_due_ns = now_ns + _CLOCK_PERIOD_NS
             self._put(MessageKind.CLOCK, row_of(inertial, port, now_ns).tobytes(), now_ns)
 
+    def record_states(self, states: Records) -> None:
+        """What a filter has found beside its solution (at most one row of FILTER_STATES)."""
+        if len(states):
+            self._put(MessageKind.STATES, states.tobytes(), int(states[0]["t_ns"]))
+
     def record_settings(self, settings: Settings) -> None:
         """These are the settings from now on."""
         self._json(MessageKind.SETTINGS, settings)

@@ -26,6 +26,7 @@ class Job:
     rate_hz: float | None
     smooth: bool = False
     innovations: Path | None = None
+    states: Path | None = None
     calibration: Path | None = None
 
 
@@ -53,6 +54,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     from ..math.arrays import Records
     from ..sensor_errors import calibration
     from ..tables.estimates import EstimateWriter, InnovationWriter
+    from ..tables.filter_states import FilterStates, write_states
     from .player import Player, ignore
     from .writer import Thinner
 
@@ -63,6 +65,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     notes = recording.doubts()
     thinner = Thinner(job.rate_hz or 0.0)
     times: list[int] = []
+    states = FilterStates()
     with ExitStack() as stack:
         writer = EstimateWriter(stack.enter_context(open_output(job.output)), 0, 256)
         note: Callable[[Records], None] = ignore
@@ -80,6 +83,8 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
             else:
                 smoother.step(player.filter, samples, solutions)
             note(player.filter.pending_innovations())
+            if job.states is not None:
+                states.take(player.filter, int(solutions[-1]["t_ns"]))
 
         smoother = None
         if job.smooth:
@@ -106,6 +111,8 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
         progress(recording.bytes, recording.bytes)  # behind the last message is the file's index
         if smoother is not None:
             smoother.finish()
+    if job.states is not None:
+        write_states(job.states, 0, states.rows)
     if not player.samples:
         raise BadDataError("; ".join([f"{recording.path}: no samples of an inertial sensor in it", *recording.notes]))
     span_s = (times[1] - times[0]) * 1e-9

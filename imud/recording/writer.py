@@ -19,6 +19,7 @@ import numpy as np
 from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Raw, Reads
 
 from ..configuration.settings import Record
+from ..estimators.filter_states import FILTER_STATES
 from . import parts
 from .enu import LocalMap
 from .file import RecordingFile
@@ -35,10 +36,12 @@ from .messages import (
     POSE,
     SAMPLE_TABLE,
     SETTINGS,
+    STATES,
     Table,
     innovation_messages,
 )
 from .protocol import PACKET, STATE, MessageKind, items
+from .state_messages import states_message
 
 _MB = 1 << 20
 _COMMIT_S = 1.0
@@ -114,6 +117,9 @@ class RecordingWriter:
             self._rows(FIX_TABLE, np.frombuffer(data, FIX_TABLE.dtype), t_ns)
         elif kind == MessageKind.CLOCK:
             self._rows(CLOCK_TABLE, np.frombuffer(data, CLOCK_TABLE.dtype))
+        elif kind == MessageKind.STATES:
+            for row in np.frombuffer(data, FILTER_STATES):
+                self._write(STATES, t_ns, states_message(row))
         elif kind == MessageKind.INNOVATIONS:
             for message in innovation_messages(np.frombuffer(data, INNOVATION_TABLE.dtype)):
                 self._write(INNOVATIONS, t_ns, message)

@@ -3,7 +3,6 @@
 A file is always replaced as a whole. Each part of it says when, at which temperature and how well it was found.
 """
 
-import contextlib
 import math
 import os
 import re
@@ -238,23 +237,40 @@ def read(path: Path) -> Calibration:
 
 
 def save(calibration: Calibration, where: list[Path] | None = None) -> Path:
-    """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError."""
-    import tempfile  # a daemon saves none
-
-    candidates = folders() if where is None else where
+    """Replace the file as a whole, in the first folder that may be written. Raises CannotCreateError, also where a file
+    of another folder, which cannot be replaced, would be used instead.
+    """
+    candidates, refused = folders() if where is None else where, ""
     for folder in candidates:
         path = folder / _name(calibration.serial)
-        with contextlib.suppress(OSError):
+        try:
             if folder is candidates[-1]:
                 folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as file:
-                file.write(_toml(calibration))
-                file.flush()
-                os.fsync(file.fileno())
-            Path(file.name).chmod(0o644)
-            Path(file.name).replace(path)
+            _replace(path, _toml(calibration))
             return path
-    raise CannotCreateError(f"cannot save the calibration: none of {', '.join(map(str, candidates))} may be written")
+        except OSError as error:
+            refused += f"\n  {folder}: {error.strerror}"
+        if os.path.lexists(path):
+            refused += f"; {path.name} in it would be used instead of a new one elsewhere"
+            break
+    raise CannotCreateError(f"cannot save the calibration:{refused}")
+
+
+def _replace(path: Path, text: str) -> None:
+    """Replace a file as a whole; its folder has to be there. Raises OSError, and leaves nothing behind."""
+    import tempfile  # a daemon saves none
+
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+        new = Path(file.name)
+        try:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+            new.chmod(0o644)
+            new.replace(path)
+        except OSError:
+            new.unlink(missing_ok=True)
+            raise
 
 
 def _toml(calibration: Calibration) -> str:

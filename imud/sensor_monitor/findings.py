@@ -13,13 +13,15 @@ FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = (
 )  # the first three have six bits, for the axes
 SPIKE = 21  # six bits, for the axes
 UNITS = 27
-FINDINGS = 28
+REPEATED = 28
+FINDINGS = 29
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))
 _WHOLE = (
     (ZERO, "accelerometer shows nothing, not even gravity"),
     (WEIGHT, "accelerometer shows a steady force far from gravity"),
     (UNITS, "rates are in deg/s instead of rad/s: gravity turns 57 times less than they say"),
+    (REPEATED, "sends the same sample again and again"),
     (TEMPERATURE, "temperature is impossible"),
 )
 

@@ -10,6 +10,11 @@ they were smallest. An axis can be found frozen only if these were at least MIN_
 smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
+The noise of a device that repeats one sample from its first block on cannot be learned. When all axes have repeated for
+ALL_REPEAT_S this is reported until one changes, but its samples are used: where the resolution is so coarse that all
+axes are constant at rest, they are right. Arrays and tables may come from a simulation without noise, so this holds for
+devices only.
+
 A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
 steep turn has as much for a minute. Both rotate, or the force changes. A constant force far from gravity for 10 s,
 without rotation, would be an acceleration along a straight line to more than 50 m/s.
@@ -39,7 +44,7 @@ from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
-from .findings import FINDINGS, FROZEN, INVALID, LIMITED, SPIKE, TEMPERATURE, UNITS, WEIGHT, ZERO
+from .findings import FINDINGS, FROZEN, INVALID, LIMITED, REPEATED, SPIKE, TEMPERATURE, UNITS, WEIGHT, ZERO
 from .spikes import SPIKES, new_spikes, replace_spikes
 from .units import RATE_UNITS, new_units, rates_are_in_degrees
 
@@ -48,6 +53,7 @@ if TYPE_CHECKING:
 
 MIN_REPEATS, MIN_REPEATS_S = 20, 0.1  # least number, and time, of equal samples of a frozen axis
 HOLD_FACTOR = 8  # an axis is frozen from so many times its longest hold on
+ALL_REPEATS, ALL_REPEAT_S = 100, 1.0  # the same where all axes repeat and their noise is not known
 BLOCK = 256  # samples over which noise is measured
 LONG_HOLD = 8  # equal samples from which an axis is checked; noise is not measured in their block
 MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; white noise has three times as many
@@ -74,6 +80,7 @@ HEALTH = np.dtype(
         ("range", "<f8", (6,)),  # rad/s about x y z, m/s^2 along x y z; the sensor's axes
         ("profile_noise", "<f8", (6,)),  # standard deviation of a sample by the profile, same units
         ("min_repeats", "<i8"),
+        ("all_repeats", "<i8"),  # samples from which it is reported that all axes repeat
         ("far_samples", "<i8"),  # in FAR_S
         ("near_samples", "<i8"),  # in NEAR_S
         ("samples", "<i8"),
@@ -106,8 +113,11 @@ HEALTH = np.dtype(
 )
 
 
-def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
-    """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`."""
+def new_health(profile: Profile, rate_hz: float, is_device: bool = False) -> NDArray[np.void]:
+    """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`.
+
+    is_device: its samples come from a device, not from arrays or tables that may have been simulated without noise.
+    """
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((RANGE_SHARE * profile.gyro_range, RANGE_SHARE * profile.accel_range), 3)
     h["clipping"], h["spikes"] = new_clipping(rate_hz), new_spikes(rate_hz)
@@ -115,6 +125,7 @@ def new_health(profile: Profile, rate_hz: float) -> NDArray[np.void]:
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["profile_noise"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["min_repeats"] = max(MIN_REPEATS, round(MIN_REPEATS_S * rate_hz))
+    h["all_repeats"] = max(ALL_REPEATS, round(ALL_REPEAT_S * rate_hz)) if is_device else np.iinfo(np.int64).max
     h["far_samples"], h["near_samples"] = max(MIN_REPEATS, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
     h["resolution"] = h["noise"] = math.inf
     h["value"] = math.nan
@@ -174,6 +185,15 @@ def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     h.block_invalid[i] = 1
     fine = MIN_NOISE_STEPS * h.resolution[i] <= h.noise[i] < math.inf and h.resolution[i] <= h.profile_noise[i]
     return bool(fine and h.repeats[i] >= most)
+
+
+@kernel
+def is_repeated(h: Health) -> bool:
+    """Whether all axes have repeated their values for too long, and since the first block."""
+    for i in range(6):
+        if h.repeats[i] < h.all_repeats or h.samples - h.repeats[i] >= BLOCK:
+            return False
+    return True
 
 
 @kernel
@@ -276,6 +296,7 @@ def check_sample(h: Health, sample: Any) -> None:
     if update_statistics(h, sample) or h.samples == 0:
         for i in range(6):
             findings |= check_axis(h, i, sample.t_ns)
+        findings |= 1 << REPEATED if is_repeated(h) else 0
     findings |= check_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
     frozen = findings >> FROZEN & _RATES != 0

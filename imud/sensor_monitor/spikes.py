@@ -37,6 +37,7 @@ MOST_WITHHELD = 2  # samples in a row
 MIN_BEGUN = 2  # samples after a start or a gap that are not judged: the first itself may be damaged
 GAP_PERIODS = 4.0  # periods between samples from which they are not compared
 RATES, FORCES = 0b000111, 0b111000  # bits of the axes
+AXES = (1, 2, 4, 8, 16, 32)  # of each of them
 
 SPIKES = np.dtype(
     [
@@ -193,18 +194,21 @@ def discard(s: Spikes) -> None:
 @kernel
 def accept(s: Spikes, invalid: int, neighbours: bool, force: float) -> None:
     """The reading is good: the extrapolation goes on from it."""
-    worse = growth(s)
-    for i in range(6):
-        if invalid >> i & 1 == 1 or not abs(s.reading[i]) < math.inf:
-            continue
-        step = (s.reading[i] - s.last[i]) / (1 + s.elapsed) if neighbours else 0.0
-        if neighbours and s.elapsed == 0:
-            s.mean_step[i] += (1.0 - s.decay) * (abs(step) - s.mean_step[i])
-            s.mean_bend[i] += (1.0 - s.decay) * (abs(step - s.step[i]) - s.mean_bend[i])
-        s.step[i], s.last[i] = step, s.reading[i]
-        if i < 3:
-            deviation = min(abs(s.deviation[i]) / worse, max(s.floor, RATIO * s.recent[i]))
-            s.recent[i] = max(s.recent[i] * s.decay, deviation) if neighbours else 0.0
+    worse, periods = growth(s), 1 + s.elapsed
+    follows = neighbours and s.elapsed == 0
+    for i in range(6):  # without branches, so that it compiles to vector code
+        good = (invalid & AXES[i] == 0) & (abs(s.reading[i]) < math.inf)
+        step = (s.reading[i] - s.last[i]) / periods if neighbours else 0.0
+        mean_step = s.mean_step[i] + (1.0 - s.decay) * (abs(step) - s.mean_step[i])
+        mean_bend = s.mean_bend[i] + (1.0 - s.decay) * (abs(step - s.step[i]) - s.mean_bend[i])
+        s.mean_step[i] = mean_step if good & follows else s.mean_step[i]
+        s.mean_bend[i] = mean_bend if good & follows else s.mean_bend[i]
+        s.step[i], s.last[i] = step if good else s.step[i], s.reading[i] if good else s.last[i]
+    for i in range(3):
+        good = (invalid & AXES[i] == 0) & (abs(s.reading[i]) < math.inf)
+        deviation = min(abs(s.deviation[i]) / worse, max(s.floor, RATIO * s.recent[i]))
+        recent = max(s.recent[i] * s.decay, deviation) if neighbours else 0.0
+        s.recent[i] = recent if good else s.recent[i]
     force = force / worse
     if neighbours and force < math.inf:
         s.recent_force = max(s.recent_force * s.decay, force)

@@ -60,6 +60,7 @@ class Health:
     range: Reals
     profile_noise: Reals
     min_repeats: int
+    all_repeats: int
     far_samples: int
     near_samples: int
     samples: int

@@ -43,7 +43,6 @@ _BELOW_ZERO_UNKNOWN = {
     "hdop",
     "speed_mps",
 }  # phones write -1 for what they do not know
-_LONGEST_HEADER = 1 << 16  # bytes
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
 TEMPERATURE = "temperature_c"  # may stand beside them; an empty cell is not known
@@ -58,15 +57,6 @@ _FIX_OPTIONAL = (
 FIX_COLUMNS = (*_FIX_REQUIRED, *_FIX_OPTIONAL)
 
 Row = TypeVar("Row")
-
-
-def header_of(path: Path) -> list[str]:
-    """The names in the first line of a table. Raises InputMissingError, BadDataError if the file is empty."""
-    text = first_bytes(path, _LONGEST_HEADER)
-    if not text:
-        raise BadDataError(f"{path}: the file is empty")
-    line = text.split(b"\n")[0].decode("utf-8-sig", errors="replace")
-    return [name.strip().lstrip("#").strip() for name in line.split(",")]
 
 
 @dataclass

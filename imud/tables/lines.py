@@ -6,13 +6,14 @@ rewritten as plain CSV.
 
 import codecs
 import contextlib
+import functools
 import gzip
 import io
 import itertools
 import re
 import textwrap
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -23,6 +24,7 @@ from ..progress import Progress
 
 _LOOK = 8192  # lines
 _BEGINNING, _PIECES = 1 << 16, 8  # bytes, in which the header stands; in how many pieces
+_LONGEST_LINE = 1 << 16  # bytes, or characters; the file may be no table, or a small one that unzips to terabytes
 _SHOWN = 120  # characters of a header that is not the right one
 _GZIP = b"\x1f\x8b"
 _SENTENCE = re.compile(r"\$[A-Z]{2}[A-Z0-9]{3},")
@@ -66,15 +68,25 @@ class Table:
     def lines(self) -> Iterator[bytes]:
         """The rows as plain CSV, with a progress bar; a truncated gzip file just ends early."""
         progress = Progress(self.path.stat().st_size)
-        with self.path.open("rb") as raw, contextlib.ExitStack() as stack:
+        with contextlib.ExitStack() as stack:
             stack.callback(progress.clear)
+            yield from self.rows(progress.at)
+
+    def rows(self, advance: Callable[[int], object]) -> Iterator[bytes]:
+        """The same without a bar. advance: called now and then with how many bytes of the file have been read."""
+        with self.path.open("rb") as raw:
             lines = _decoded(raw, self.encoding, self.plain)
             with contextlib.suppress(EOFError, zlib.error):
                 for number, line in enumerate(lines, 1):
                     if number % _LOOK == 0:
-                        progress.at(raw.tell())
+                        advance(raw.tell())
+                    cut_off = len(line) >= _LONGEST_LINE
+                    if cut_off and len(line := line.rstrip(b"\0")) >= _LONGEST_LINE:
+                        raise BadDataError(f"{self.path} line {number}: longer than 64 KiB, so no row of a table")
                     if number >= self.first_row:
                         yield line if self.plain else self._rewritten(line)
+                    if cut_off:
+                        return  # by a loss of power: what follows are zeros
 
     def _rewritten(self, line: bytes) -> bytes:
         if self.delimiter != b",":
@@ -106,11 +118,16 @@ def is_nmea(path: Path) -> bool:
     return _SENTENCE.search(_beginning(path)) is not None
 
 
-def content(path: Path) -> bytes:
-    """All of a file, unzipped as far as it can be, UTF-16 recoded. Raises InputMissingError."""
+def log_lines(path: Path) -> Iterator[bytes]:
+    """The lines of a log, unzipped as far as it can be, UTF-16 recoded; long ones in pieces.
+
+    Raises InputMissingError.
+    """
     first_bytes(path, 0)
-    data = b"".join(_unzipped(path))
-    return data if _encoding(path) == _UTF8 else data.decode("utf-16", "replace").encode()
+    encoding, ours = ("latin-1", "latin-1") if _encoding(path) == _UTF8 else ("utf-16", "utf-8")  # bytes as they are
+    with path.open("rb") as raw, contextlib.suppress(EOFError, zlib.error, gzip.BadGzipFile):
+        for line in _text_lines(raw, encoding):
+            yield line.encode(ours)
 
 
 def _beginning(path: Path) -> str:
@@ -157,5 +174,10 @@ def _is_number(text: str) -> bool:
 
 def _decoded(raw: BufferedReader, encoding: str, plain: bool) -> Iterator[bytes]:
     if plain:
-        return iter(raw)
-    return (line.encode() for line in io.TextIOWrapper(_source(raw), encoding, "replace"))
+        return iter(functools.partial(raw.readline, _LONGEST_LINE), b"")
+    return (line.encode() for line in _text_lines(raw, encoding))
+
+
+def _text_lines(raw: BufferedReader, encoding: str) -> Iterator[str]:
+    text = io.TextIOWrapper(_source(raw), encoding, "replace")
+    return iter(functools.partial(text.readline, _LONGEST_LINE), "")

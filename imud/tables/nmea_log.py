@@ -2,6 +2,7 @@
 sensors say between them.
 """
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from ..configuration.settings import Gnss
 from ..errors import BadDataError
 from ..math.arrays import Records
 from ..sensors.gnss import record, refusal
-from .lines import content
+from .lines import log_lines
 from .refused import say_refused
 
 DAY_S = 86_400.0
@@ -35,8 +36,7 @@ def read_log(path: Path, settings: Gnss) -> tuple[list[Fix], list[Reading], Mapp
     assert driver.kind == "gnss"
     decoder = driver.new_decoder(not settings.require_checksum)
     fixes: list[Fix] = []
-    lines = content(path).splitlines(keepends=True)
-    for number, line in enumerate([*lines, b"$"]):  # the last line may lack its end
+    for number, line in enumerate(itertools.chain(log_lines(path), [b"$"])):  # the last line may lack its end
         fixes += decoder.feed(line, number)
     fixes += decoder.flush(1 << 62)
     return fixes, decoder.take_readings() if isinstance(decoder, ReadingDecoder) else [], decoder.counters

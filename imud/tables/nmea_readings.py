@@ -20,7 +20,7 @@ from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
 from ..sensors.aiding import Measured
 from ..sensors.nmea_aiding import measured_of
-from .lines import content
+from .lines import log_lines
 from .nmea_log import DAY_S, read_log
 
 _KINDS = re.compile(rb"(" + b"|".join(kind.encode() for kind in READERS) + rb"),")
@@ -35,7 +35,7 @@ def readings_of_log(
     Raises InputMissingError.
     """
     rows = [np.zeros(0, MEASUREMENT)]
-    if _KINDS.search(content(path)):
+    if any(map(_KINDS.search, log_lines(path))):
         fixes, readings, _ = read_log(path, settings.gnss)
         known = tuple(sources)
         for reading, utc_s in timed(fixes, readings):

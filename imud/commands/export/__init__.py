@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
-    parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv and est.csv")
+    parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv, est.csv and states.csv")
     parser.add_argument("--parquet", type=Path, metavar="DIR", help="the same as Parquet files")
     parser.add_argument("--ros2", type=Path, metavar="MCAP", help="the messages of `imud ros2`, in ENU and FLU")
     parser.add_argument("--smooth", action="store_true", help="a track more: from the data before and after each point")
@@ -71,11 +71,14 @@ def run(args: argparse.Namespace) -> int:
     refuse_overwriting([args.ros2, *tracks.values()], args.recording)
     from ...recording.player import Player, ignore
     from ...recording.source import Recording, adapter, tell
+    from ...tables.filter_states import FilterStates
 
     recording = Recording(args.recording)
     adapt = adapter(None, (), None)
     settings, progress = recording.settings(adapt), Progress(1000)
     targets: list[Target] = []
+    folders: list[CsvFolder | ParquetFolder] = []
+    states = FilterStates()
     smoother = _smoother(targets, tracks) if args.smooth else None
 
     def step(samples: "Records", solutions: "Records") -> None:
@@ -83,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
             smoother.step(player.filter, samples, solutions)
         for target in targets:
             target.step(samples, solutions)
+        if folders:
+            states.take(player.filter, int(solutions[-1]["t_ns"]))
 
     def write_fix(fix: "Records") -> None:
         for target in targets:
@@ -95,9 +100,10 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         offset_ns = recording.unix_less_monotonic_ns
         if args.csv:
-            targets.append(CsvFolder(args.csv, args.rate, stack))
+            folders.append(CsvFolder(args.csv, args.rate, stack))
         if args.parquet:
-            targets.append(ParquetFolder(args.parquet, args.rate, stack))
+            folders.append(ParquetFolder(args.parquet, args.rate, stack))
+        targets += folders
         if args.ros2:
             from ...ros2.bag import Bag
 
@@ -108,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
         progress.at(1000)
+        for folder in folders:
+            folder.write_states(states.rows)
         if smoother is not None:
             smoother.finish()
     if not player.samples:

@@ -18,7 +18,7 @@ _ARRIVAL = FIX_COLUMNS.index("arrival_s") - 1  # behind t_s
 
 
 class CsvFolder:
-    """imu.csv and gnss.csv as `imud replay` reads them, est.csv as it writes it; all on the same clock."""
+    """imu.csv and gnss.csv as `imud replay` reads them, est.csv and states.csv as it writes them; all on one clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ...recording.writer import Thinner
@@ -27,9 +27,11 @@ class CsvFolder:
 
         try:
             folder.mkdir(exist_ok=True)
+            (folder / "states.csv").unlink(missing_ok=True)
             files = {name: stack.enter_context((folder / f"{name}.csv").open("wb")) for name in ("imu", "gnss", "est")}
         except OSError as error:
             raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
+        self._folder = folder
         self._imu: BinaryIO = files["imu"]
         self._gnss: BinaryIO = files["gnss"]
         self._est = EstimateWriter(files["est"], 0, 256)
@@ -69,6 +71,13 @@ class CsvFolder:
         cells: list[float | str] = [*fix_cells(fix)]
         cells[_ARRIVAL] = _seconds(int(cells[_ARRIVAL]))
         self._gnss.write(_row(int(fix[0]["t_ns"]), cells))
+
+    def write_states(self, rows: "Records") -> None:
+        """All rows of FILTER_STATES; none: the estimator has no such, and there is no file."""
+        from ...tables.filter_states import write_states
+
+        if len(rows):
+            write_states(self._folder / "states.csv", 0, rows)
 
 
 def _seconds(t_ns: int) -> str:

@@ -56,7 +56,7 @@ class _Table:
 
 
 class ParquetFolder:
-    """imu.parquet, gnss.parquet and est.parquet; all on the same clock."""
+    """imu.parquet, gnss.parquet, est.parquet and states.parquet; all on the same clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ...recording.writer import Thinner
@@ -64,14 +64,15 @@ class ParquetFolder:
         importlib.import_module("pyarrow")  # if it is missing, that is said before the recording is replayed
         try:
             folder.mkdir(exist_ok=True)
-            for name in ("imu", "gnss", "est"):
+            for name in ("imu", "gnss", "est", "states"):
                 (folder / f"{name}.parquet").unlink(missing_ok=True)
         except OSError as error:
             raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
-        self._imu, self._gnss, self._est = (_Table(folder / f"{name}.parquet") for name in ("imu", "gnss", "est"))
+        tables = [_Table(folder / f"{name}.parquet") for name in ("imu", "gnss", "est", "states")]
+        self._imu, self._gnss, self._est, self._states = tables
         self._thinner = Thinner(rate_hz)
         self.fixes = 0
-        for table in (self._imu, self._gnss, self._est):
+        for table in tables:
             stack.callback(table.close)
 
     def step(self, samples: "Records", solutions: "Records") -> None:
@@ -92,3 +93,10 @@ class ParquetFolder:
         row = dict(zip(FIX_COLUMNS, [fix[0]["t_ns"] * 1e-9, *fix_cells(fix)], strict=True))
         row["arrival_s"] *= 1e-9
         self._gnss.write({name: np.array([value]) for name, value in row.items()})
+
+    def write_states(self, rows: "Records") -> None:
+        """All rows of FILTER_STATES; none: the estimator has no such, and there is no file."""
+        from ...estimators.filter_states import cells
+
+        if len(rows):
+            self._states.write({"t_s": rows["t_ns"] * 1e-9, **cells(rows)})

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=input_file,
         metavar="FILE",
-        help="recordings; or est.csv and innovations of `imud replay`, its imu.csv and gnss.csv; several are overlaid",
+        help="recordings; or est.csv, innovations, states of `imud replay`, imu.csv, gnss.csv; several are overlaid",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="HTML", help="the page; works offline")
 

@@ -20,8 +20,10 @@ from imud.estimators.records import (
 from imud.figures import Figure, Panel, Trace
 
 from ...math.arrays import Floats
+from .filter_states import filter_states
 from .innovations import consistency, whiteness
 from .session import TIME, Clock, Estimates, Sensor, Session
+from .settled import settled_range
 from .statistics import COUNT_MIN
 from .track import epochs, track
 
@@ -36,8 +38,6 @@ STATUS = {
     "saturated": SATURATED,
 }
 AXES = {"vn": "north", "ve": "east", "vd": "down"} | {f"b{sensor}{axis}": axis for sensor in "ga" for axis in "xyz"}
-SETTLED = 5.0  # of the median of sigma: more is the start, or an outage
-CROWDED, MARGIN = 1.5, 0.05  # of the settled signal's range
 FLAGS = {
     "suspect": flag.SUSPECT,
     "device error": flag.DEVICE_ERROR,
@@ -67,30 +67,6 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
         stem, note = name.rpartition("_")[0], " (the large σ of the start is cut off)" if y_range else ""
         panels.append(Panel(AXES.get(stem, stem) + note, TIME, unit, traces, y_range=y_range))
     return Figure(title, panels, columns=3)
-
-
-def settled_range(traces: Iterable[Trace]) -> tuple[float, float] | None:
-    """The range of y that shows the settled signals; None: an axis of everything shows them as well.
-
-    A trace is settled where its sigma is at most SETTLED times its median. With the sigma of the start on the axis, all
-    that comes later is a flat line.
-    """
-    every, settled = [], []
-    for trace in traces:
-        if trace.sigma is None:
-            continue
-        known = np.isfinite(trace.y) & np.isfinite(trace.sigma)
-        y, sigma = trace.y[known], trace.sigma[known]
-        if len(y):
-            late = sigma <= SETTLED * np.median(sigma)
-            every += [y - sigma, y + sigma]
-            settled += [(y - sigma)[late], (y + sigma)[late]]
-    if not settled:
-        return None
-    low, high = float(np.min(np.concatenate(settled))), float(np.max(np.concatenate(settled)))
-    whole = float(np.max(np.concatenate(every))) - float(np.min(np.concatenate(every)))
-    margin = MARGIN * (high - low)
-    return (low - margin, high + margin) if whole > CROWDED * (high - low) else None
 
 
 def _flag_panel(title: str, t: Floats, bits: NDArray[np.int64], table: dict[str, int]) -> Panel:
@@ -164,6 +140,7 @@ def panels(session: Session) -> list[Figure]:
         drawn.append(_states(session, "Gyro bias ± σ", "deg/s", rates, math.degrees(1.0)))
         drawn.append(_states(session, "Accelerometer bias ± σ", "m/s²", forces))
         drawn += [_status(e) for e in session.estimates]
+    drawn += filter_states(session)
     shown = [i for i in session.innovations if len(i.t) >= COUNT_MIN]
     for name in dict.fromkeys(i.name for i in shown):
         kinds = [i for i in shown if i.name == name]

@@ -15,6 +15,7 @@ import numpy as np
 from imud.configuration.settings import Initial
 from imud.drivers.capture_messages import Entry
 from imud.errors import BadDataError
+from imud.estimators.filter_states import cells
 from imud.estimators.innovation_kinds import KINDS
 from imud.recording.messages import (
     CLOCK_TABLE,
@@ -23,15 +24,17 @@ from imud.recording.messages import (
     FIX_TABLE,
     INNOVATION_TABLE,
     SAMPLE_TABLE,
+    STATES,
     Table,
 )
 from imud.recording.player import Player
 from imud.recording.source import Recording, adapter, tell
+from imud.recording.state_messages import states_rows
 from imud.tables.estimates import estimate_cells
 
 from ...math.arrays import Records
 from .reduction import EstimateReduction, SensorReduction
-from .session import Clock, Event, Fixes, Innovations, Part, Session
+from .session import Clock, Event, Fixes, Innovations, Part, Session, States
 
 _BLOCK = 2000  # messages that are decoded together
 _EVENTS_MAX = 60
@@ -52,10 +55,13 @@ class _Collector:
         self.estimates, self.sensor = EstimateReduction(name), SensorReduction(name)
         self.recorded_samples = SensorReduction(name)  # for a recording without the sensor's bytes
         self.events: list[tuple[int, str]] = []
+        self._states: list[bytes] = []
 
     def take(self, entry: Entry) -> None:
         if entry.topic == EVENTS:
             self._event(msgspec.json.decode(entry.data))
+        elif entry.topic == STATES:
+            self._states.append(entry.data)
         elif (undecoded := self._undecoded.get(entry.topic)) is not None:
             undecoded.append(entry.data)
             self._schemas[entry.topic] = entry.schema
@@ -106,6 +112,13 @@ class _Collector:
         """All rows of a table that is not reduced."""
         return np.concatenate([np.zeros(0, table.dtype), *self._rows[table.topic]])
 
+    def states(self, name: str) -> tuple[States, ...]:
+        """What the filter estimated beside its solution."""
+        rows = states_rows(self._states)
+        if not len(rows):
+            return ()
+        return (States(name, {"t_s": (rows["t_ns"] - (self.origin_ns or 0)) * 1e-9, **cells(rows)}),)
+
 
 _TABLES = (ESTIMATE_TABLE, SAMPLE_TABLE, INNOVATION_TABLE, FIX_TABLE, CLOCK_TABLE)
 _TABLES_BY_TOPIC = {table.topic: table for table in _TABLES}
@@ -144,6 +157,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
         (Fixes(name, fixes),) if len(fixes) else (),
         (Clock(name, clock, has_quartz),) if len(clock) else (),
         tuple(Event(name, (t_ns - found.origin_ns) * 1e-9, text) for t_ns, text in found.events),
+        found.states(name),
     )
     return Part(found.origin_ns // 1_000_000_000, found.first_ns * 1e-9, found.last_ns * 1e-9, session)
 

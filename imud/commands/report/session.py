@@ -83,6 +83,14 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class States:
+    """What the filter estimated beside its solution, a row a second. columns: t_s and others as in states.csv."""
+
+    name: str
+    columns: dict[str, Floats]
+
+
+@dataclass(frozen=True)
 class Event:
     """A line of warning from a daemon's log; t in s."""
 
@@ -101,6 +109,7 @@ class Session:
     fixes: tuple[Fixes, ...] = ()
     clocks: tuple[Clock, ...] = ()
     events: tuple[Event, ...] = ()
+    states: tuple[States, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,6 +146,7 @@ def _shifted(session: Session, seconds: int) -> Session:
         tuple(change(f, rows=rows(f.rows)) for f in session.fixes),
         tuple(change(c, rows=rows(c.rows)) for c in session.clocks),
         tuple(change(e, t=e.t + seconds) for e in session.events),
+        tuple(change(s, columns=columns(s.columns)) for s in session.states),
     )
 
 

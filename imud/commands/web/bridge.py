@@ -7,13 +7,22 @@ import asyncio
 import json
 from typing import Any, NamedTuple
 
+from imud.commands.notable_states import notable_states
 from imud.outputs.addresses import Address
 
 RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}
+_STATES = "states."
 _LINE_MAX = 1 << 20  # bytes
 _RETRY_S = 1.0
 _REQUEST_S = 1.0  # between requests of what the daemon does not send by itself: devices, recordings
+
+
+def _shown(status: dict[str, Any]) -> dict[str, Any]:
+    """What the page shows of the flat status: the aiding sources, and in words what the filter has found."""
+    states = {key.removeprefix(_STATES): value for key, value in status.items() if key.startswith(_STATES)}
+    sources = {key: value for key, value in status.items() if key.startswith("aiding.sources.")}
+    return {"class": "STATUS", "found": notable_states(states), **sources}
 
 
 class Snapshot(NamedTuple):
@@ -97,8 +106,7 @@ class Bridge:
         try:
             message = json.loads(line)
             if message["class"] == "STATUS":  # most of it is for `imud status`
-                message = {key: value for key, value in message.items() if key.startswith("aiding.sources.")}
-                message["class"] = "STATUS"
+                message = _shown(message)
             self._messages[message["class"]] = message
         except (ValueError, TypeError, KeyError, RecursionError):
             raise NotADaemonError("it does not send gpsd's protocol") from None

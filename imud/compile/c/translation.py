@@ -23,13 +23,16 @@ _PRELUDE = r"""
 #ifndef EXPORTED
 #define EXPORTED(name) name
 #endif
-// by zero: 0, as in numba; and nothing traps
+// by zero: 0, as in numba; and nothing traps. A division by a known power of two is a shift
+#define POWER_OF_TWO(b) (__builtin_constant_p(b) && (b) > 0 && ((b) & ((b) - 1)) == 0)
 static inline int64_t floor_mod(int64_t a, int64_t b) {
+  if (POWER_OF_TWO(b)) return a & (b - 1);
   if (b == 0 || b == -1) return 0;
   int64_t r = a % b;
   return r && (r < 0) != (b < 0) ? r + b : r;
 }
 static inline int64_t floor_div(int64_t a, int64_t b) {
+  if (POWER_OF_TWO(b)) return a >> __builtin_ctzll(b);
   if (b == 0 || b == -1) return b ? -a : 0;
   int64_t r = a % b;
   return a / b - (r && (r < 0) != (b < 0));

@@ -15,12 +15,14 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `alignment/` | roll, pitch and heading before navigation, and the modes |
 | `integrity/` | fault detection: a drifting or frozen receiver, a wrong heading or gyro bias |
 | `state`, `core`, `parameters` | the error states; the records, a concern each; the tunables |
-| `solution` | what comes out; `checkpoint`: what outlasts a restart of the program |
+| `solution`, `filter_states` | what comes out; what is estimated beside it |
+| `checkpoint` | what outlasts a restart of the program |
 """
 
 from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, step, take_innovations, update
+from .filter_states import filter_states
 from .parameters import TUNABLES, configure
 from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
 from .source_estimates import source_estimates
@@ -46,4 +48,5 @@ ESTIMATOR = Estimator(
     source_estimates=source_estimates,
     place=place,
     variances=variances,
+    filter_states=filter_states,
 )

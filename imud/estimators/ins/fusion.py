@@ -112,7 +112,8 @@ def fix_update(
         if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
             learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, length, z, s, axis)
-        add_to_gyro_bias_step(p, c, length, z, s, r)
+        if gate != REJECT:
+            add_to_gyro_bias_step(p, c, length, z, s, r, axis)
         add_to_velocity_drift(p, c, length, z, s, axis)
         add_to_compass_offset(p, c, length, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)

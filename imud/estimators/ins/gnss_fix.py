@@ -33,7 +33,13 @@ from .integrity.compass_offset import (
     is_unconfirmed,
 )
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
-from .integrity.gyro_bias_step import detect_gyro_bias_step, explained_by_gyro_bias_step, reset_gyro_bias_step
+from .integrity.gnss_drift import explained_by_drift
+from .integrity.gyro_bias_step import (
+    counts_positions,
+    detect_gyro_bias_step,
+    explained_by_gyro_bias_step,
+    reset_gyro_bias_step,
+)
 from .integrity.heading_monitor import monitor_heading
 from .integrity.time_offset_step import (
     detect_time_offset_step,
@@ -128,7 +134,11 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     """Whether the gyro's bias has stepped; a compass shows such a turn by itself."""
     if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
         reset_gyro_bias_step(c)
-    elif c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, explained_by_time_offset_step(c)):
+        return
+    otherwise = explained_by_time_offset_step(c)
+    if counts_positions(p, c):
+        otherwise = max(otherwise, explained_by_drift(p, c))
+    if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
 

@@ -58,6 +58,7 @@ from .alignment import (
     whitening,
 )
 from .integrity import (
+    alternating_receiver,
     compass_offset,
     frozen_receiver,
     gnss_drift,
@@ -111,6 +112,7 @@ TUNABLES = (
     *heading_posterior.TUNABLES,
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
+    *alternating_receiver.TUNABLES,
     *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
     *velocity_drift.TUNABLES,

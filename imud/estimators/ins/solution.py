@@ -20,6 +20,7 @@ from ..records import (
 )
 from ..tuning import Tunable
 from .ekf import variance
+from .integrity.alternating_receiver import is_alternating
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, NEVER_NS, POSITION, STATES, TIME_OFFSET, VELOCITY
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
-        bits |= POSITION_VALID
+        if not is_alternating(p, c):
+            bits |= POSITION_VALID
         if sigma_down < 0.5 * p.tuning.unknown_height:
             bits |= HEIGHT_VALID
         if c.nav.t_ns - max(c.gnss.last_used_ns, c.pose.last_used_ns) > 1e9 * p.tuning.coasting_s:

@@ -143,13 +143,16 @@ TUNABLES = (
 def accumulate_window(c: Core, w: Reals, f: Reals) -> None:
     """Add one sample (rad/s, m/s^2, body axes) to the window, before it replaces the last sample."""
     s = c.stationarity
+    w2, f2, difference_w2, difference_f2 = s.sum_w2, s.sum_f2, s.sum_difference2[0], s.sum_difference2[1]
+    for i in range(3):
+        w2 += w[i] * w[i]
+        f2 += f[i] * f[i]
+        difference_w2 += (w[i] - c.imu.w[i]) ** 2
+        difference_f2 += (f[i] - c.imu.f[i]) ** 2
+    s.sum_w2, s.sum_f2, s.sum_difference2[0], s.sum_difference2[1] = w2, f2, difference_w2, difference_f2
     for i in range(3):
         s.sum_w[i] += w[i]
         s.sum_f[i] += f[i]
-        s.sum_w2 += w[i] * w[i]
-        s.sum_f2 += f[i] * f[i]
-        s.sum_difference2[0] += (w[i] - c.imu.w[i]) ** 2
-        s.sum_difference2[1] += (f[i] - c.imu.f[i]) ** 2
     s.sample_count += 1
 
 

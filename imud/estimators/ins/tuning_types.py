@@ -223,6 +223,9 @@ class Tuning:
     max_speed_of_gravity: float
     recent_rest_s: float
     wrong_bias_gate: float
+    alternation_decay: float
+    max_returns: float
+    max_reject_share: float
     frozen_min_m: float
     onset_interval_s: float
     min_drift_s: float

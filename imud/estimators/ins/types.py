@@ -182,6 +182,9 @@ class Integrity:
     position_inflation: Reals
     velocity_inflation: Reals
     reset_score: float
+    position_uses: float
+    position_rejects: float
+    position_returns: float
 
 
 class ProcessNoise:
@@ -245,6 +248,7 @@ class CompassOffset:
 
 class GyroBiasStep:
     last_ns: int
+    velocity_ns: int
     heading_variance: float
     onset_ns: Integers
     information: Reals

@@ -80,6 +80,11 @@ function sources(news) {
   });
 }
 
+// What the filter has found of receiver and vehicle, where it differs from zero.
+function estimated(news) {
+  return Object.entries(news.STATUS?.found ?? {}).map(([name, text]) => words(name, text, ""));
+}
+
 export function fillTables(news) {
   const beyond = (news.EST?.out_of_limits ?? "").split(",");
   for (const [id, rows] of Object.entries(TABLES)) {
@@ -92,7 +97,7 @@ export function fillTables(news) {
       row.className = isBad ? "bad" : "";
       return row;
     });
-    const said = id === "health" ? [...devices(news), ...health(news), ...sources(news)] : [];
+    const said = id === "health" ? [...devices(news), ...health(news), ...sources(news), ...estimated(news)] : [];
     document.getElementById(id).replaceChildren(...said, ...lines);
   }
 }

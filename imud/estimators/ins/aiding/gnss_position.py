@@ -16,6 +16,7 @@ from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
+from ..integrity.alternating_receiver import count_position
 from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
@@ -121,7 +122,9 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     receiver_share = 0.0
     if nis > p.tuning.gnss_position_gate:
         receiver_share = split_excess(p, c, excess_variance(c, lever, velocity, extra))
+    after_rejects = c.integrity.reject_count[0] > 0
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
+    count_position(p, c, horizontal, after_rejects)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, velocity, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):

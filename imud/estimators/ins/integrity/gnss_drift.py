@@ -229,6 +229,20 @@ def estimate_drift(
 
 
 @kernel
+def explained_by_drift(p: Parameters, c: Core) -> float:
+    """Most of the sum of the normalised innovations squared of positions that a drift since an onset explains.
+
+    With the learned variance of the positions.
+    """
+    g, most = c.drift, 0.0
+    for j in range(ONSETS):
+        if g.onset_ns[j] != NEVER_NS:
+            found = estimate_drift(p, c, j, g.noise_scale)
+            most = max(most, found[0] * g.information_vector[j, 0] + found[1] * g.information_vector[j, 1])
+    return float(most / g.noise_scale)
+
+
+@kernel
 def remove_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
     """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
     vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]

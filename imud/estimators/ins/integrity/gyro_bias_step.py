@@ -7,9 +7,10 @@ A knock, a change of temperature, or a wrong scale factor in a long turn changes
 fix measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by
 much. As in `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps,
 and its chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may
-drift; those of one second share the receiver's part of their variance. The prior of d is that of the bias at
-switch-on. A slow vehicle shows a step within many seconds, an agile one sooner: each further onset is kept for
-twice as long as the one before.
+drift; those of one second share the receiver's part of their variance. Of a receiver without velocities the accepted
+positions count, with the variance that `gnss_drift` has learned, and a drift must not explain more. The prior of d is
+that of the bias at switch-on. A slow vehicle shows a step within many seconds, an agile one sooner: each further onset
+is kept for twice as long as the one before.
 
 When a step is detected, x += w d and P += sigma^2 (w w' + b b') with sigma = `gyro_bias_step_share` d; b has the body's
 vertical axis in its elements GYRO_BIAS. While a step is likely but not detected, the solution adds (w d)^2
@@ -29,7 +30,7 @@ from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..mechanization import rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY
+from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY_AXIS
 from .time_offset_step import chi2_beyond
 
 if TYPE_CHECKING:
@@ -95,16 +96,33 @@ def mean_innovation(c: Core, length: int, j: int) -> float:
 
 
 @kernel
-def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float, r: float) -> None:
-    """Add an innovation z of variance s of a fix to the sums if it is a horizontal velocity; call before its update.
+def counts_positions(p: Parameters, c: Core) -> bool:
+    """Whether positions count, as the receiver reports no velocities."""
+    return bool(1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns) > p.tuning.gyro_bias_onset_s)
 
-    r: the receiver's part of s, which successive velocities share.
+
+@kernel
+def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
+    """Weight of an innovation of variance s of a fix, 0 unless it counts.
+
+    r: the receiver's part of s, which successive velocities share; axis: see `fuse`.
     """
-    if not VELOCITY <= c.scratch.columns[0] < VELOCITY + 2:
-        return
     g = c.gyro_bias_step
-    sharing = max(p.tuning.gyro_bias_correlation_s / max(1e-9 * (c.nav.t_ns - g.last_ns), 1e-3), 1.0)
-    weight = s / (s + (sharing - 1.0) * r)
+    if VELOCITY_AXIS <= axis < VELOCITY_AXIS + 2:
+        g.velocity_ns = c.nav.t_ns
+        sharing = max(p.tuning.gyro_bias_correlation_s / max(1e-9 * (c.nav.t_ns - g.last_ns), 1e-3), 1.0)
+        return float(s / (s + (sharing - 1.0) * r))
+    if 0 <= axis < VELOCITY_AXIS and counts_positions(p, c):
+        return float(1.0 / c.drift.noise_scale)
+    return 0.0
+
+
+@kernel
+def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float, r: float, axis: int) -> None:
+    """Add an innovation z of variance s of a fix to the sums; call before its update. The rest: see `weight_of`."""
+    g, weight = c.gyro_bias_step, weight_of(p, c, s, r, axis)
+    if weight == 0.0:
+        return
     for j in range(GYRO_BIAS_ONSETS):
         hw = mean_innovation(c, length, j)
         g.information[j] += weight * hw * hw / s

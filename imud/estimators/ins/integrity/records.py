@@ -26,6 +26,9 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
         ("velocity_inflation", "<f8", (2,)),  # m^2/s^2, how fast they drifted away before, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
+        ("position_uses", "<f8"),  # positions that were used, fading
+        ("position_rejects", "<f8"),  # positions that were rejected, fading
+        ("position_returns", "<f8"),  # positions that were used after rejected ones, fading
     ],
     align=True,
 )
@@ -112,6 +115,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix
+        ("velocity_ns", "<i8"),  # the last one with a velocity
         ("heading_variance", "<f8"),  # rad^2, beyond P: of a step that is likely but not detected
         ("onset_ns", "<i8", (GYRO_BIAS_ONSETS,)),
         ("information", "<f8", (GYRO_BIAS_ONSETS,)),  # s^2/rad^2, of the step

@@ -2,7 +2,7 @@
 
 Either the estimate or the receiver was wrong. If it was the receiver, whose positions drifted away before the reset,
 its drift goes on, and the estimate follows it: the inflation of the velocity adds to that of the position. Both decay
-as the GNSS bias does.
+as the GNSS bias does, but not while fixes are rejected, as these do not confirm the reset.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ def inflate_velocity(c: Core, axis: int, variance: float) -> None:
 def propagate_inflation(c: Core, dt: float, decay: float) -> None:
     """Propagate the inflation over dt, s; `decay`: that of the GNSS bias."""
     position, velocity = c.integrity.position_inflation, c.integrity.velocity_inflation
+    if c.integrity.rejecting:
+        decay = 1.0
     for i in range(3):
         if i < 2 and velocity[i] > 0.0:
             position[i] = (math.sqrt(position[i]) + math.sqrt(velocity[i]) * dt) ** 2

@@ -1,0 +1,44 @@
+"""A receiver whose positions alternate between places, as with a spoofer or a defect: which of them is right?
+
+The estimate began at one of the places, by chance, and the gate rejects the others. What shows it is that positions are
+rejected and used by turns, and not few of them: a receiver with outliers returns as often, but most positions are used,
+and one that drifts or jumps once returns once, when the filter is reset to it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "alternation_decay", 0.98, "per fix", "Decay of the counts of positions.", "About fifty fixes.", high=0.9999
+    ),
+    Tunable("max_returns", 1.5, "", "Largest decaying count of returns without alternation.", "Choice."),
+    Tunable(
+        "max_reject_share", 0.3, "", "Largest share of rejected positions of a receiver that alternates.", "Choice."
+    ),
+)
+
+
+@kernel
+def count_position(p: Parameters, c: Core, used: bool, after_rejects: bool) -> None:
+    """Count a position. after_rejects: the one before was rejected."""
+    g, decay = c.integrity, p.tuning.alternation_decay
+    g.position_uses = decay * g.position_uses + (1.0 if used else 0.0)
+    g.position_rejects = decay * g.position_rejects + (0.0 if used else 1.0)
+    g.position_returns = decay * g.position_returns + (1.0 if used and after_rejects else 0.0)
+
+
+@kernel
+def is_alternating(p: Parameters, c: Core) -> bool:
+    """Whether the receiver's positions are so often elsewhere that nothing tells which are right."""
+    g = c.integrity
+    share = p.tuning.max_reject_share * (g.position_uses + g.position_rejects)
+    return bool(g.position_returns > p.tuning.max_returns and g.position_rejects > share)

@@ -12,6 +12,8 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -26,6 +28,7 @@ _RAW = "/raw/"  # and the port, in a recording before version 2
 _ORDERED = {CONNECTIONS, "/settings", "/aiding"}  # what was read before these must not come after them
 _CHECKSUM_BYTES = 4
 _RECORD_MAX = 1 << 30  # bytes
+_CHUNK_MAX = 1 << 26  # bytes, uncompressed: a small file may hold terabytes of zeros; the recorder's chunks have 1 MiB
 _RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<H4xQ")  # opcode, length; channel, sequence, time
 _INDEX = struct.Struct("<2xI")  # channel; bytes that follow
 _BEFORE_BODY = _MESSAGE.size + 8  # another time
@@ -70,6 +73,7 @@ class _Reader(StreamReader):
 
 def _split(chunk: Chunk) -> list[Schema | Channel | _Message]:
     """The records of a chunk; as the library's `breakup_chunk`, many times as fast for messages."""
+    _check_size(chunk)
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     data = stream.read(size)
     found: list[Schema | Channel | _Message] = []
@@ -83,8 +87,22 @@ def _split(chunk: Chunk) -> list[Schema | Channel | _Message]:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             record = Schema if opcode == Opcode.SCHEMA else Channel
             found.append(record.read(ReadDataStream(io.BytesIO(data[at : at + length]))))
+        elif opcode == 0:
+            raise ValueError("zeros instead of a record")
         at += length
     return found
+
+
+def _check_size(chunk: Chunk) -> None:
+    """Before it is uncompressed. Raises ValueError for one that is larger than any, by its own words or in truth."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        size = max(size, zstandard.frame_content_size(chunk.data))  # else the library takes at most `size` bytes
+    elif chunk.compression == "lz4":
+        with lz4.frame.LZ4FrameDecompressor() as decompressor:
+            size = max(size, len(decompressor.decompress(chunk.data, _CHUNK_MAX + 1)))
+    if size > _CHUNK_MAX:
+        raise ValueError(f"a chunk of {size >> 20} MiB")
 
 
 class Capture:

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from imud.drivers.driver import ImuConfigured, ImuDriver
-from imud.drivers.sample import SAMPLE
+from imud.drivers.sample import MOUNTING_UNKNOWN, SAMPLE
 
 from .clocks.counter import new_clock
 from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
-from .estimators.filter_states import FILTER_STATES
+from .estimators.filter_states import ATTITUDE_BLOCK, FILTER_STATES
 from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
@@ -233,7 +233,11 @@ class Filter:
     def filter_states(self) -> Records:
         """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""
         read = self.estimator.filter_states
-        return np.zeros(0, FILTER_STATES) if read is None else read(self.state)
+        rows = np.zeros(0, FILTER_STATES) if read is None else read(self.state)
+        unknown = self.correction["flags"][0] & MOUNTING_UNKNOWN
+        mounting = math.pi if unknown else float(self.correction["mounting_sigma"][0])  # as `stages.add_mounting`
+        rows["covariance"][:, np.diag(ATTITUDE_BLOCK)] += mounting**2
+        return rows
 
 
 class InertialPipeline:

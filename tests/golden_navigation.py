@@ -100,6 +100,7 @@ from golden_samples import (
     no_samples,
     power_on,
     power_on_moved,
+    reconnected,
     saturation,
     short_gaps,
 )
@@ -120,7 +121,7 @@ from golden_starts import (
 CLASSES = (
     compass, compass_in_any_order, compass_too_late, compass_behind_many_fixes,
     drift_that_returns, long_drift, restless_receiver, restless_receiver_under_way, short_gaps, power_on,
-    power_on_moved, no_velocity, jump, short_jump, stamps_that_step,
+    power_on_moved, reconnected, no_velocity, jump, short_jump, stamps_that_step,
     jump_without_velocity, jump_of_height, no_height, slow_drift,
     slow_drift_against_velocity, slow_drift_parked, drift_that_stays, frozen_receiver, outage, latency, late_fixes,
     alternating_receiver, late_stamps, late_positions,

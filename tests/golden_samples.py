@@ -9,7 +9,7 @@ from navigation_simulation import received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Imu
-from imud.drivers.sample import POWER_ON, SUSPECT
+from imud.drivers.sample import POWER_ON, RECONNECTED, SUSPECT
 
 LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
 
@@ -55,6 +55,17 @@ def power_on_moved():
     tilt, after = Rotation.from_euler("Y", 40.0, degrees=True), between(samples, 110.0, 1e9)
     samples["w"][after], samples["f"][after] = tilt.apply(samples["w"][after]), tilt.apply(samples["f"][after])
     return navigated(samples[~between(samples, 106.0, 110.0)], fixes)
+
+
+def reconnected():
+    """A car in a bend and at a walking pace, the sensor turned the second time: what the course shows, and what not."""
+    samples, fixes = data(road(speed=6.0), seed=90, every=0.5)
+    for begin in (58.0, 92.0, 128.0):
+        samples["flags"][np.flatnonzero(between(samples, begin, 1e9))[0]] |= RECONNECTED
+    turn, after = Rotation.from_euler("Z", -30.0, degrees=True), between(samples, 92.0, 1e9)
+    samples["w"][after], samples["f"][after] = turn.apply(samples["w"][after]), turn.apply(samples["f"][after])
+    away = between(samples, 50.0, 58.0) | between(samples, 87.0, 92.0) | between(samples, 126.5, 128.0)
+    return navigated(samples[~away], fixes, vehicle="land")
 
 
 def long_gap():

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from attitude_simulation import Flaws, after, measure, simulate, wobble
+from navigation_runner import samples_of
 from navigation_simulation import drive, received, sensed
 from replay_in_process import new_filter
 from scipy.spatial.transform import Rotation
@@ -12,8 +14,11 @@ from test_navigation_barometer import pressures
 from test_navigation_odometer import readings
 
 from imud.batch import play
+from imud.configuration.settings import Imu, Settings
+from imud.drivers.sample import MOUNTING_UNKNOWN
 from imud.estimators.filter_states import COVARIANCES, FILTER_STATES, STATES, OncePerPeriod, cells
 from imud.estimators.ins.state import STATES as ERROR_STATES
+from imud.estimators.records import FIX
 from imud.math.kalman import unpack
 from imud.tables.filter_states import FilterStates, write_states
 
@@ -67,21 +72,66 @@ def test_what_was_simulated_is_found_within_its_sigma(driven):
         assert abs(found[name][0] - value) < 3.5 * sigma, name
 
 
+def jacobian(q_nb):
+    """Of roll, pitch and yaw by a small rotation in navigation axes: scipy's angles."""
+    attitude = Rotation.from_quat(np.roll(q_nb, -1))
+    step = 1e-6
+    turned = [(Rotation.from_rotvec(step * axis) * attitude).as_euler("ZYX")[::-1] for axis in np.eye(3)]
+    return (np.transpose(turned) - attitude.as_euler("ZYX")[::-1, None]) / step
+
+
 def test_the_covariance_is_that_of_the_solution(driven):
-    """By the sigmas of the newest solution, of roll, pitch and yaw by scipy's angles of small rotations."""
     filter_, out, _ = driven
     newest, P = out[-1], matrix(filter_.filter_states()[0])
     assert np.sqrt(np.diag(P)[:3]) == pytest.approx(newest["sigma_p"], rel=1e-12)
     assert np.sqrt(np.diag(P)[3:6]) == pytest.approx(newest["sigma_v"], rel=1e-12)
-    attitude = Rotation.from_quat(np.roll(newest["q_nb"], -1))
-    step = 1e-6
-    turned = [(Rotation.from_rotvec(step * axis) * attitude).as_euler("ZYX")[::-1] for axis in np.eye(3)]
-    J = (np.transpose(turned) - attitude.as_euler("ZYX")[::-1, None]) / step
+    J = jacobian(newest["q_nb"])
     assert np.sqrt(np.diag(J @ P[6:, 6:] @ J.T)) == pytest.approx(newest["sigma_rpy"], rel=1e-4)
     assert np.linalg.eigvalsh(P).min() > 0.0
     whole = unpack(filter_.state["core"][0, 0]["cov"]["P"], ERROR_STATES)
     off_diagonal = ~np.eye(9, dtype=bool)
     assert (P[off_diagonal] == whole[:9, :9][off_diagonal]).all()
+
+
+def test_the_attitude_filter_finds_its_sensors_errors_and_states_its_covariance():
+    """On a body that rocks; the gyro's scale about its x axis is 1 % too large, the accelerometer's along z 0.5 %."""
+    truth = simulate(300.0, 100.0, after(5.0, wobble(3, 0.9)), after(5.0, wobble(4, 0.3)))
+    gyro_matrix = np.diag([0.01, 0.0, 0.0])
+    flaws = Flaws(gyro_matrix=gyro_matrix, accel_scale=(0.0, 0.0, 0.005))
+    w, f = measure(truth, flaws, np.random.default_rng(8))
+    samples, out = samples_of(100.0 + truth.t, w, f), []
+    settings = Settings(imu=Imu(profile="consumer-mems"))
+    filter_ = new_filter("attitude", samples, settings)
+    prior = filter_.state[0]["cov"]["P"].copy()
+    play(filter_, samples, np.zeros(0, FIX), lambda block: out.append(block.copy()))
+    rows, newest = filter_.filter_states(), out[-1][-1]
+    found = cells(rows)
+    for name, value in (("gyro_scale_xx", 0.01), ("accel_scale_z", 0.005), ("gyro_scale_yx", 0.0)):
+        assert abs(found[name][0] - value) < 3.5 * found[f"s{name}"][0], name
+    assert found["sgyro_scale_xx"][0] < 0.5 * math.sqrt(unpack(prior, 28)[12, 12])
+    P, J = matrix(rows[0]), jacobian(newest["q_nb"])
+    assert np.isnan(P[:6]).all()
+    stated = np.diag(J @ P[6:, 6:] @ J.T)[:2]
+    assert np.sqrt(stated) == pytest.approx(newest["sigma_rpy"][:2], rel=0.02)
+    s = filter_.state[0]
+    s["clipping"]["missing_angle"], s["hypotheses"]["possible_tilt_error"] = 0.3, 0.4
+    s["attitude_step"]["possible_tilt_error"] = s["motion"]["hidden_tilt"] = 0.0
+    block = unpack(s["cov"]["P"], 28)[:3, :3] + np.diag([0.25, 0.25, 0.09])
+    assert matrix(filter_.filter_states()[0])[6:, 6:] == pytest.approx(block, rel=1e-12)
+
+
+def test_the_sigma_of_a_mounting_is_in_the_covariance(driven):
+    filter_ = driven[0]
+    plain = matrix(filter_.filter_states()[0])
+    known, unknown = np.zeros((9, 9)), np.zeros((9, 9))
+    known[[6, 7, 8], [6, 7, 8]], unknown[[6, 7, 8], [6, 7, 8]] = 0.01, math.pi**2
+    try:
+        filter_.correction["mounting_sigma"] = 0.1
+        assert matrix(filter_.filter_states()[0]) == pytest.approx(plain + known, rel=1e-12)
+        filter_.correction["flags"] = MOUNTING_UNKNOWN
+        assert matrix(filter_.filter_states()[0]) == pytest.approx(plain + unknown, rel=1e-12)
+    finally:
+        filter_.correction["mounting_sigma"] = filter_.correction["flags"] = 0
 
 
 def test_what_likely_faults_add_to_a_stated_sigma_is_in_the_covariance(driven):
@@ -113,9 +163,12 @@ def test_a_source_that_is_not_there_has_no_column(driven):
 def test_there_is_no_position_before_a_fix_and_nothing_before_a_sample():
     rng = np.random.default_rng(7)
     samples = sensed(drive(8.0), rng)
-    filter_, _, rows = played(samples, np.zeros(0, received(drive(2.0), rng).dtype))
+    filter_, _, rows = played(samples, np.zeros(0, FIX))
     assert not len(new_filter("navigation", samples).filter_states())
     assert not len(new_filter("attitude", samples).filter_states())
+    tilt = new_filter("tilt", samples)
+    play(tilt, samples.copy(), np.zeros(0, FIX), lambda _: None)
+    assert not len(tilt.filter_states())
     assert np.isnan(matrix(rows[-1])[:6]).all() and np.isfinite(matrix(rows[-1])[6:, 6:]).all()
     assert filter_.filter_states()["t_ns"] == samples["t_ns"][-1]
 

@@ -1,9 +1,13 @@
 """A recording in which a byte has changed: either it is read as it was written, or refused with a clear message."""
 
 import contextlib
+import re
+import struct
 
+import lz4.frame
 import msgspec
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import message
@@ -190,3 +194,44 @@ def test_zeros_behind_a_recording_are_not_read_one_by_one(whole, tmp_path, monke
     *_, notes = read(broken_off)
     assert len(records) < 1000
     assert "broke off" in "".join(notes)
+
+
+def _chunk(data: bytes, compression: str, said: int) -> bytes:
+    """A record with a chunk of MCAP that unpacks to `said` bytes by its own words (mcap.dev/spec)."""
+    texts = struct.pack("<I", len(compression)) + compression.encode()
+    body = struct.pack("<QQQI", 0, 1, said, 0) + texts + struct.pack("<Q", len(data)) + data
+    return struct.pack("<BQ", 6, len(body)) + body
+
+
+BOMB = 200 << 20  # bytes
+UNSIZED = zstandard.ZstdCompressor(write_content_size=False)
+BOMBS = {
+    "zstd": lambda: (zstandard.compress(bytes(BOMB)), "zstd", BOMB),
+    "zstd that says it is small": lambda: (zstandard.compress(bytes(BOMB)), "zstd", 100),
+    "zstd that says nothing": lambda: (
+        zstandard.ZstdCompressor(write_content_size=False).compress(bytes(BOMB)),
+        "zstd",
+        BOMB,
+    ),
+    "lz4": lambda: (lz4.frame.compress(bytes(BOMB)), "lz4", BOMB),
+    "lz4 that says it is small": lambda: (lz4.frame.compress(bytes(BOMB)), "lz4", 100),
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_a_chunk_that_unpacks_to_much_is_left_out_without_being_unpacked(bomb, whole, tmp_path):
+    path, content = tmp_path / "bomb.mcap", whole.read_bytes()
+    at = content.index(b"\4\0\0\0zstd") - 37  # the first chunk
+    path.write_bytes(content[:at] + _chunk(*BOMBS[bomb]()) + content[at:])
+    recording = capture.Capture(path)
+    assert len(list(recording)) == len(list(capture.Capture(whole)))
+    assert re.search(r"is damaged: .*\(a chunk of \d+ MiB\)", recording.broken)
+
+
+def test_zeros_in_a_chunk_are_no_records(whole, tmp_path):
+    path, content = tmp_path / "zeros.mcap", whole.read_bytes()
+    at = content.index(b"\4\0\0\0zstd") - 37
+    path.write_bytes(content[:at] + _chunk(zstandard.compress(bytes(1 << 20)), "zstd", 1 << 20) + content[at:])
+    recording = capture.Capture(path)
+    assert len(list(recording)) == len(list(capture.Capture(whole)))
+    assert "zeros instead of a record" in recording.broken

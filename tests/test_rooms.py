@@ -27,7 +27,8 @@ EXTRAS = {  # file: what it may import that an extra brings
     "imud/estimators/earth_field.py": {"pygeomag"},
     "imud/commands/web/limits.py": {"aiohttp"},
     **{path: {"mcap"} for path in RECORDING},
-    "imud/ros2/block_writer.py": {"mcap", "zstandard"},  # which mcap needs
+    "drivers/capture.py": {"lz4", "mcap", "zstandard"},  # the others are what mcap needs
+    "imud/ros2/block_writer.py": {"mcap", "zstandard"},
 }
 FORBIDDEN = {  # room: packages it must not know
     "drivers": {"imud", "firmware_sim"},

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..math.arrays import Records
+from ..math.arrays import Indices, Records
 
 DEGREE = math.pi / 180.0  # rad
 PERIOD_NS = 1_000_000_000  # between two rows
@@ -62,7 +62,7 @@ _KINDS: tuple[tuple[str, str, tuple[str, ...], str, str], ...] = (  # the place 
     ("vehicle", "mount", ("pitch", "yaw"), "rad", "of the vehicle's forward axis in the body"),
     ("vehicle", "nhc_lever_arm", ("",), "m", "of the IMU ahead of the point about which the vehicle turns"),
     (
-        "gyros",
+        "sensor",
         "gyro_scale",
         ("xx", "yx", "zx", "xy", "yy", "zy", "xz", "yz", "zz"),
         "",
@@ -78,13 +78,15 @@ _KINDS: tuple[tuple[str, str, tuple[str, ...], str, str], ...] = (  # the place 
         "mps",
         "process noise, learned: what a second's vibration adds to the velocity",
     ),
+    ("vehicle", "attitude_noise", ("",), "rad", "process noise, learned: what a second's vibration adds to the angles"),
     (
-        "vehicle",
-        "attitude_noise",
-        ("",),
-        "rad",
-        "process noise, learned: what a second's vibration adds to the attitude",
+        "sensor",
+        "accel_scale",
+        ("x", "y", "z"),
+        "",
+        "by which the accelerometer's reading is too large, as a share of it",
     ),
+    ("sensor", "accel_delay", ("",), "s", "of the accelerometer behind the gyro"),
 )
 STATES = tuple(
     FilterState(group, kind, part, unit, about) for group, kind, parts, unit, about in _KINDS for part in parts
@@ -105,6 +107,16 @@ FILTER_STATES = np.dtype(
     ],
     align=True,
 )
+
+
+def in_triangle(n: int) -> Indices:
+    """Where each element of a symmetric n x n matrix is in its packed upper triangle."""
+    places = np.zeros((n, n), np.int64)
+    places[np.triu_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(places, places.T)
+
+
+ATTITUDE_BLOCK = in_triangle(9)[6:, 6:]  # in `covariance`
 
 
 class OncePerPeriod:

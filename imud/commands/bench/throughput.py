@@ -29,8 +29,8 @@ START_S = 20  # in which a filter aligns itself
 LLVM = "gcc fuses multiplications with additions; we do not, for the same results on every processor"
 _MORE = "numpy runs the filter alone; ours also checks health, rest, motion and the clock"
 _NAVIGATION = (
-    "the goal is for 15 states, ours has 40; 31 % of the instructions are for late fixes: for each, the samples of the "
-    "150 ms since its epoch are integrated again, so that the solution is that of a fix without latency"
+    "the goal is for 15 states, ours has 40: it would be reached without fixes. They are late: for each, the samples "
+    "of the 150 ms since its epoch are integrated again, so that the solution is that of a fix without latency"
 )
 
 

@@ -113,9 +113,9 @@ def run(args: argparse.Namespace) -> int:
         for entry in recording.entries(Player.TOPICS):
             player.take(entry)
             progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
-        progress.at(1000)
         for folder in folders:
             folder.write_states(states.rows)
+        progress.at(1000)
         if smoother is not None:
             smoother.finish()
     if not player.samples:

@@ -117,11 +117,11 @@ STATIONARITY = np.dtype(
         # of complete windows
         ("mean_w", "<f8", (3,)),
         ("mean_f", "<f8", (3,)),
-        (
-            "max_rate_of_change",
-            "<f8",
-            (2,),
-        ),  # rad^2/s^3, m^2/s^5: most that the means have changed lately, squared, per s
+        # most that the means have changed lately, squared, per s: level rate, vertical rate, rad^2/s^3; force, m^2/s^5
+        ("max_rate_of_change", "<f8", (3,)),
+        ("mean_down", "<f8", (3,)),  # unit vector, body: the vertical, averaged
+        ("tilt_range2", "<f8"),  # rad^2, most by which the vertical has differed from it lately, squared
+        ("level_accel2", "<f8"),  # m^2/s^4, largest level acceleration lately, squared
         ("turn_rate_var", "<f8"),  # rad^2/s^2, of the mean rate at rest, as the direction of the force has changed
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row

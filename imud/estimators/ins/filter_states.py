@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ...math.arrays import Floats, Records
-from ..filter_states import FILTER_STATES, PLACES
+from ..filter_states import FILTER_STATES, PLACES, in_triangle
 from ..records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE
 from .state import (
     ATTITUDE,
@@ -47,9 +47,7 @@ _AGES = {
     "age_velocity": VELOCITY_SOURCE,
     "age_body_velocity": BODY_VELOCITY_SOURCE,
 }
-_IN_P = np.zeros((STATES, STATES), np.int64)  # place of each element in the packed triangle
-_IN_P[np.triu_indices(STATES)] = np.arange(STATES * (STATES + 1) // 2)
-_IN_P = np.maximum(_IN_P, _IN_P.T)
+_IN_P = in_triangle(STATES)
 _DIAGONAL = np.diag(_IN_P)
 _ROWS, _COLUMNS = np.triu_indices(LEARNING_STATES)  # of the packed block of position, velocity and attitude
 _PACKED_MOTION = _IN_P[_ROWS, _COLUMNS]

@@ -9,6 +9,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ..records import POSITION_N
+from .aiding.course_heading import head_along_course
 from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
@@ -76,6 +77,7 @@ def fuse_and_align(
 ) -> int:
     """Align with the fix while the heading is not known, and fuse its position and velocity; returns the rows."""
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
+    head_along_course(p, c, fix)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):

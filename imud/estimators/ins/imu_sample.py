@@ -13,6 +13,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
+from .aiding.course_heading import waits_for_course
 from .aiding.forward_axis import find_forward_axis
 from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
 from .aiding.zero_velocity import fuse_rest
@@ -23,7 +24,7 @@ from .damaged_readings import inflate_covariance, substitute_missing
 from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reset_biases
-from .propagation import count_sample, propagate_to, subtract_biases
+from .propagation import count_sample, propagate_to
 from .rest import detect_rest
 from .state import COARSE_ALIGNMENT, NAVIGATING
 from .stationarity import accumulate_window, classify_window, clear_window
@@ -70,11 +71,10 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
     if incomplete:
         substitute_missing(p, c, sample)
-    if sample.flags & POWER_ON:
-        subtract_biases(c)
-        reset_biases(p, c)
     accumulate_window(c, sample.w, sample.f)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
+    if sample.flags & POWER_ON:  # the biases of the time before are those of the gap
+        reset_biases(p, c)
     if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:
         check_attitude(p, c, gap_s)
     inflate_covariance(p, c, sample, dt)
@@ -88,8 +88,8 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
         end_window(p, c)
     if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
-        if c.nhc.enabled:
+        if c.nhc.enabled and not waits_for_course(p, c):
             propagate_errors(p, c)
             fuse_nhc(p, c)
-        else:
+        elif not c.nhc.enabled:
             observe_heave(p, c)

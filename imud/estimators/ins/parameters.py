@@ -32,6 +32,7 @@ from . import (
     stationarity,
 )
 from .aiding import (
+    course_heading,
     forward_axis,
     gnss_gate,
     gnss_noise,
@@ -96,6 +97,7 @@ TUNABLES = (
     *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,
+    *course_heading.TUNABLES,
     *forward_axis.TUNABLES,
     *land_evidence.TUNABLES,
     *nhc_noise.TUNABLES,

@@ -3,7 +3,8 @@
 A bias changes from one switch-on to the next by the repeatability in the data sheet, which is the filter's initial
 sigma. A sensor that was not connected may have been moved: after a longer gap its attitude is kept only if the first
 specific force is vertical, within the tilt that a vehicle's acceleration causes. No sensor measures a rotation
-about the vertical meanwhile: the heading's sigma grows with the length of the gap.
+about the vertical meanwhile: the heading's sigma grows with the length of the gap, and with it that of the forward axis
+of a land vehicle, whose course is as it was. The heading's has this part until motion has confirmed it.
 """
 
 from __future__ import annotations
@@ -14,16 +15,18 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
-from .ekf import add_variance, decorrelate, variance
+from .ekf import add_covariance, add_variance, decorrelate, variance
+from .integrity.compass_offset import state_turn
 from .integrity.gnss_drift import reset_drift
 from .integrity.gyro_bias_step import reset_gyro_bias_step
 from .integrity.time_offset_step import reset_time_offset_step
 from .integrity.velocity_drift import reset_confirmations
 from .mechanization import body_to_ned, clear_biases
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, MOUNT_YAW
 from .stationarity import clear_window, interrupt_rest
 
 if TYPE_CHECKING:
@@ -42,6 +45,13 @@ TUNABLES = (
         math.radians(3.0),
         "rad/s",
         "Sigma of the rotation of a sensor that was not connected, per second of the gap.",
+        "Choice.",
+    ),
+    Tunable(
+        "max_reconnect_turn",
+        math.radians(20.0),
+        "rad",
+        "Largest such sigma in a land vehicle under way, whose motion soon contradicts a larger rotation.",
         "Choice.",
     ),
     Tunable(
@@ -75,12 +85,24 @@ def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
     """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment."""
     x, y, z = body_to_ned(c, (c.imu.f[0], c.imu.f[1], c.imu.f[2]))
     tilt = elementary.atan2(elementary.hypot(x, y), -z)
-    tilt2 = tilt * tilt
+    tilt2, force2 = tilt * tilt, p.tuning.power_on_force_sigma**2
+    accelerated2 = c.stationarity.level_accel2 / STANDARD_GRAVITY**2
     if tilt2 > p.tuning.power_on_tilt_gate * (
-        variance(c, ATTITUDE) + variance(c, ATTITUDE + 1) + p.tuning.power_on_force_sigma**2
+        variance(c, ATTITUDE) + variance(c, ATTITUDE + 1) + force2 + accelerated2
     ):
         change_mode(p, c, ATTITUDE_LOST)
         return
     for i in range(3):
-        add_variance(c, ATTITUDE + i, tilt2)
-    add_variance(c, ATTITUDE + 2, (p.tuning.reconnect_turn_rate * gap_s) ** 2)
+        add_variance(c, ATTITUDE + i, tilt2 * force2 / (force2 + accelerated2))
+    turned2 = (p.tuning.reconnect_turn_rate * gap_s) ** 2
+    if c.nhc.enabled and not c.stationarity.at_rest:
+        turned2 = min(turned2, p.tuning.max_reconnect_turn**2)
+        add_variance(c, MOUNT_YAW, turned2)
+    state_turn(c, turned2)
+    m = c.stationarity.mean_down
+    axis = body_to_ned(c, (m[0], m[1], m[2]))
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, ATTITUDE + i, ATTITUDE + k, turned2 * axis[i] * axis[k])
+        if c.nhc.enabled and not c.stationarity.at_rest:
+            add_covariance(c, ATTITUDE + i, MOUNT_YAW, -turned2 * axis[i])

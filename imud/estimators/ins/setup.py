@@ -91,7 +91,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     c["gnss"]["speed"] = math.nan
     c["alignment"]["heading_phasor"] = (1.0, 0.0)
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
-    c["drift"]["onset_ns"] = NEVER_NS
+    c["drift"]["onset_ns"] = c["nhc"]["waits_since_ns"] = NEVER_NS
     c["time_offset_step"]["onset_ns"] = c["gyro_bias_step"]["onset_ns"] = NEVER_NS
     c["velocity_drift"]["onset_ns"] = c["compass_offset"]["onset_ns"] = NEVER_NS
     c["heading_aid"]["agreeing_ns"] = c["heading_aid"]["last_used_ns"] = NEVER_NS

@@ -17,6 +17,7 @@ from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ...math.rotation import Vector
 from ..tuning import Tunable
+from .mechanization import body_to_ned, ned_to_body
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -53,6 +54,14 @@ TUNABLES = (
         "per window",
         "Decay of the largest change between windows.",
         "About ten seconds.",
+        high=0.9999,
+    ),
+    Tunable(
+        "motion_range_decay",
+        0.99,
+        "per window",
+        "Decay of the largest tilt and of the largest level acceleration.",
+        "Fifty seconds.",
         high=0.9999,
     ),
     Tunable(
@@ -194,12 +203,36 @@ def clear_window(c: Core) -> None:
 
 
 @kernel
+def observe_motion(p: Parameters, c: Core) -> None:
+    """Update what the motion has shown lately, from which a gap is judged: changes of the means, tilt, acceleration."""
+    s, n, decay = c.stationarity, c.stationarity.sample_count, p.tuning.rate_of_change_decay
+    w, f = s.sum_w, s.sum_f
+    x, y, z = body_to_ned(c, (w[0] / n - s.mean_w[0], w[1] / n - s.mean_w[1], w[2] / n - s.mean_w[2]))
+    change_f = max(abs(f[0] / n - s.mean_f[0]), abs(f[1] / n - s.mean_f[1]), abs(f[2] / n - s.mean_f[2]))
+    s.max_rate_of_change[0] = max(decay * s.max_rate_of_change[0], (x * x + y * y) / s.duration)
+    s.max_rate_of_change[1] = max(decay * s.max_rate_of_change[1], z * z / s.duration)
+    s.max_rate_of_change[2] = max(decay * s.max_rate_of_change[2], change_f * change_f / s.duration)
+    decay = p.tuning.motion_range_decay
+    x, y, z = ned_to_body(c, (0.0, 0.0, 1.0))
+    m = s.mean_down
+    share = 1.0 if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0 else 1.0 - decay
+    m[0] += share * (x - m[0])
+    m[1] += share * (y - m[1])
+    m[2] += share * (z - m[2])
+    s.tilt_range2 = max(decay * s.tilt_range2, (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2)
+    level2 = (s.delta_v[0] ** 2 + s.delta_v[1] ** 2) / (s.duration * s.duration)
+    s.level_accel2 = max(decay * s.level_accel2, level2)
+
+
+@kernel
 def classify_window(p: Parameters, c: Core) -> None:
     """At the end of a window: vibration densities, noise floor, and the counts of low-motion windows in a row."""
     s = c.stationarity
     w2 = s.sum_w2 / s.sample_count
     f2 = s.sum_f2 / s.sample_count
     change_w, change_f = 0.0, 0.0
+    if s.gyro_noise_floor > 0.0:  # not the first window
+        observe_motion(p, c)
     for i in range(3):
         mean_w, mean_f = s.sum_w[i] / s.sample_count, s.sum_f[i] / s.sample_count
         w2 -= mean_w * mean_w
@@ -207,9 +240,6 @@ def classify_window(p: Parameters, c: Core) -> None:
         change_w = max(change_w, abs(mean_w - s.mean_w[i]))
         change_f = max(change_f, abs(mean_f - s.mean_f[i]))
         s.mean_w[i], s.mean_f[i] = mean_w, mean_f
-    if s.gyro_noise_floor > 0.0:  # not the first window
-        s.max_rate_of_change[0] = max(p.tuning.rate_of_change_decay * s.max_rate_of_change[0], change_w**2 / s.duration)
-        s.max_rate_of_change[1] = max(p.tuning.rate_of_change_decay * s.max_rate_of_change[1], change_f**2 / s.duration)
     noise2 = 2.0 * max(f2, 0.0) / (3.0 * s.sample_count)
     excess2 = max(change_f**2 - p.tuning.force_change_significance * noise2, 0.0)
     s.turn_rate_var = excess2 / (STANDARD_GRAVITY * s.duration) ** 2

@@ -34,12 +34,14 @@ class Tuning:
     max_gyro_outage_s: float
     power_on_force_sigma: float
     reconnect_turn_rate: float
+    max_reconnect_turn: float
     power_on_tilt_gate: float
     rest_window_s: float
     max_gyro_ratio: float
     low_motion_accel: float
     stationary_accel: float
     rate_of_change_decay: float
+    motion_range_decay: float
     noise_floor_growth: float
     vibration_noise_share: float
     moving_vibration_accel: float
@@ -126,6 +128,7 @@ class Tuning:
     nhc_retry_s: float
     nhc_mean_nis_gain: float
     mount_sigma: float
+    least_course_speed: float
     typical_lever_arm: float
     direction_sigmas: float
     scatter_decay: float

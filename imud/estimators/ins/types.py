@@ -103,6 +103,9 @@ class Stationarity:
     mean_w: Reals
     mean_f: Reals
     max_rate_of_change: Reals
+    mean_down: Reals
+    tilt_range2: float
+    level_accel2: float
     turn_rate_var: float
     at_rest: int
     low_motion_count: int
@@ -140,6 +143,8 @@ class Nhc:
     start_variance: Reals
     disable_count: int
     disabled_ns: int
+    waits_since_ns: int
+    direction: float
 
 
 class LandEvidence:
@@ -237,6 +242,7 @@ class TimeOffsetStep:
 class CompassOffset:
     onset_ns: int
     last_ns: int
+    turn_variance: float
     unconfirmed: int
     information: float
     vector: float

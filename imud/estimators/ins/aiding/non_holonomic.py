@@ -142,6 +142,7 @@ def enable_nhc(p: Parameters, c: Core) -> None:
     for i in range(STATES):
         h.start_variance[i] = variance(c, i)
     h.enabled = 1
+    h.direction = 0.0
     h.mean_nis = 1.0
     clear_innovation_sums(c)
 
@@ -195,6 +196,14 @@ def leans(p: Parameters, c: Core, q: Quaternion) -> bool:
 
 
 @kernel
+def sideslip_sigma(p: Parameters, c: Core, speed: float) -> float:
+    """Sigma of the lateral velocity of a land vehicle, m/s: tyres slip in proportion to their load."""
+    w = c.imu.rate_b
+    rate = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    return float(p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * speed * speed) * rate)
+
+
+@kernel
 def fuse_nhc(p: Parameters, c: Core) -> None:
     """Fuse lateral and vertical velocity above a minimum speed; disable the constraint if they contradict it.
 
@@ -210,9 +219,10 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
         add_heave(p, c, dot(vertical, vb), abs(along), dt)
     if abs(along) < p.tuning.nhc_min_speed:
         return
+    if abs(along) > p.tuning.least_course_speed:
+        h.direction = 1.0 if along > 0.0 else -1.0
     turn_rate = dot(vertical, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
-    rate = math.sqrt(c.imu.rate_b[0] ** 2 + c.imu.rate_b[1] ** 2 + c.imu.rate_b[2] ** 2)
-    r = (p.tuning.nhc_sigma + (p.tuning.turn_sideslip + p.tuning.tyre_sideslip * along * along) * rate) ** 2
+    r = sideslip_sigma(p, c, along) ** 2
     suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     length = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn_rate)
     z = c.nav.nhc_lever_arm * turn_rate - dot(lateral, vb)

@@ -35,6 +35,8 @@ NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
         ("start_variance", "<f8", (STATES,)),  # variances when the constraint was enabled
         ("disable_count", "<i8"),  # times that it was disabled by a contradiction
         ("disabled_ns", "<i8"),  # and the last of them
+        ("waits_since_ns", "<i8"),  # after a gap it waits for the course of a fix
+        ("direction", "<f8"),  # 1 or -1: the vehicle went along its forward axis or against it when it was fast last
     ],
     align=True,
 )

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance
+from ..ekf import add_correction, add_covariance, variance
 from ..error_model import apply_transition
 from ..state import ATTITUDE, HEADING_AXIS, NAVIGATING, NEVER_NS, STATES
 from .time_offset_step import chi2_beyond
@@ -83,7 +83,7 @@ def open_compass_offset(c: Core, given: bool) -> None:
     """The heading is `given`, by the compass or the user; or the compass is used first beside a known one."""
     g = c.compass_offset
     g.onset_ns, g.unconfirmed = c.nav.t_ns, 1 if given else 0
-    g.information = g.vector = g.energy = g.count = g.heading_variance = 0.0
+    g.information = g.vector = g.energy = g.count = g.heading_variance = g.turn_variance = 0.0
     for i in range(STATES):
         g.sensitivity[i, 0] = 0.0
     g.sensitivity[ATTITUDE + 2, 0] = -1.0 if given else 0.0
@@ -94,6 +94,13 @@ def close_compass_offset(c: Core) -> None:
     """The heading is not a given one any more."""
     c.compass_offset.onset_ns, c.compass_offset.unconfirmed = NEVER_NS, 0
     c.compass_offset.heading_variance = 0.0
+
+
+@kernel
+def state_turn(c: Core, variance: float) -> None:
+    """The sensor may have been turned by this variance, rad^2: part of the heading's until that is confirmed."""
+    if is_unconfirmed(c):
+        c.compass_offset.turn_variance = variance
 
 
 @kernel
@@ -167,9 +174,13 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     chi2 = chi2_beyond(information, g.vector, g.energy, g.count)
     turned = g.sensitivity[ATTITUDE + 2, 0] * d
     g.heading_variance = turned * turned if chi2 > p.tuning.likely_compass_offset_chi2 else 0.0
+    if g.unconfirmed:
+        g.heading_variance = max(g.heading_variance, g.turn_variance)
     if chi2 > p.tuning.compass_offset_chi2 and abs(d) > p.tuning.min_compass_offset:
         return d
     settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count
+    if settled and variance(c, ATTITUDE + 2) < (0.5 * p.tuning.confirmed_offset) ** 2:
+        g.turn_variance = 0.0  # the fixes have shown the heading itself
     if settled and abs(d) + 2.0 * sigma < p.tuning.confirmed_offset:
         g.unconfirmed = 0
         if c.heading_aid.last_ns == NEVER_NS:  # the user gave it: nothing brings an offset in later

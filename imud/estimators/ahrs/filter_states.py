@@ -1,0 +1,51 @@
+"""Where the attitude filter keeps what `estimators.filter_states` names: scale factors, the accelerometer's delay."""
+
+import math
+
+import numpy as np
+
+from ...math.arrays import Records
+from ..filter_states import ATTITUDE_BLOCK, FILTER_STATES, PLACES, in_triangle
+from .state import ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_MATRIX, STATES, VELOCITY
+
+_AXES = "xyz"
+_ERROR_STATES = np.r_[GYRO_MATRIX : GYRO_MATRIX + 9, ACCEL_SCALE : ACCEL_SCALE + 3, ACCEL_DELAY]
+_NAMES = (  # of these; the gyro's matrix is kept by rows
+    *(f"gyro_scale_{row}{column}" for row in _AXES for column in _AXES),
+    *(f"accel_scale_{axis}" for axis in _AXES),
+    "accel_delay",
+)
+_NAMED = np.array([PLACES[name] for name in _NAMES])
+_IN_P = in_triangle(STATES)
+_ATTITUDE = slice(ATTITUDE, ATTITUDE + 3)
+_MOTION = np.r_[_ATTITUDE, VELOCITY : VELOCITY + 3]
+
+
+def filter_states(state: Records) -> Records:
+    """See `Estimator`. An error state is estimated once the motion has correlated it with attitude or velocity."""
+    s = state[0]
+    rows = np.zeros(1 if s["sample_count"] else 0, FILTER_STATES)
+    for row in rows:
+        P, nav = s["cov"]["P"], s["nav"]
+        row["t_ns"] = s["t_ns"]
+        for name in ("covariance", "value", "sigma"):
+            row[name] = math.nan
+        row["covariance"][ATTITUDE_BLOCK] = P[_IN_P[_ATTITUDE, _ATTITUDE]] + np.diag(_beyond_covariance(s))
+        estimated = (P[_IN_P[_ERROR_STATES[:, None], _MOTION]] != 0.0).any(axis=1)
+        values = np.hstack([nav["gyro_matrix"], nav["accel_scale"], nav["accel_delay"]])
+        row["value"][_NAMED[estimated]] = values[estimated]
+        variances = P[np.diag(_IN_P)[_ERROR_STATES[estimated]]]
+        row["sigma"][_NAMED[estimated]] = np.sqrt(np.maximum(variances, 0.0))
+    return rows
+
+
+def _beyond_covariance(s: np.void) -> tuple[float, float, float]:
+    """What the solution's sigmas have beyond P, rad^2 about north, east, down: see `solution`."""
+    missing2 = float(s["clipping"]["missing_angle"]) ** 2
+    tilts = (
+        s["attitude_step"]["possible_tilt_error"],
+        s["motion"]["hidden_tilt"],
+        s["hypotheses"]["possible_tilt_error"],
+    )
+    tilt2 = missing2 + sum(float(tilt) ** 2 for tilt in tilts)
+    return tilt2, tilt2, missing2

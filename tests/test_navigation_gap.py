@@ -1,0 +1,79 @@
+"""A sensor that was not connected for some seconds under way: what may have happened meanwhile, axis by axis."""
+
+import numpy as np
+import pytest
+from navigation_runner import euler_deg
+from navigation_simulation import errors, received, sensed
+from replay_in_process import new_filter, replay
+from scipy.spatial.transform import Rotation
+from vehicle_simulation import RATE, vehicle
+
+from imud.configuration.settings import Imu, Initial, Settings
+from imud.drivers.sample import RECONNECTED
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+from imud.sensor_errors.profiles import PROFILES
+
+PROFILE, SETTINGS = PROFILES["m-g350"], Settings(imu=Imu(profile="m-g350"))
+AFTER = 25 * RATE  # samples after the gap that count
+
+
+def steepest_bend(d, gap):
+    """The first sample of a gap that begins in the steepest bend."""
+    rate = np.abs(np.gradient(np.unwrap(d.attitude.as_euler("ZYX")[:, 0])))
+    first, last = 55 * RATE, len(d.t) - gap - AFTER
+    return first + int(np.argmax(rate[first:last]))
+
+
+def interrupted(name, seed, gap_s, turned_deg=0.0):
+    """(solutions from the reconnection on, truth there, errors of position, and of the attitude, NED)."""
+    d, rng, gap = vehicle(name, seed), np.random.default_rng(seed), round(gap_s * RATE)
+    off = steepest_bend(d, gap)
+    on = off + gap
+    turn = Rotation.from_euler("z", turned_deg, degrees=True)
+    samples = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise, (0.005, -0.004, 0.003), (0.05, -0.04, 0.03))
+    samples["w"][on:], samples["f"][on:] = turn.inv().apply(samples["w"][on:]), turn.inv().apply(samples["f"][on:])
+    samples["flags"][on] |= RECONNECTED
+    kept = np.r_[0:off, on : len(d.t)]
+    yaw = float(np.degrees(d.attitude[0].as_euler("ZYX")[0]))
+    filter_ = new_filter("navigation", samples[kept], SETTINGS, Initial(yaw_deg=yaw))
+    fixes = received(d, rng, every=0.5, late=0.2, sigma=1.8, speed_sigma=0.1)
+    whole = np.zeros(len(d.t), replay(new_filter("tilt", samples[:9], SETTINGS), samples[:9])[0].dtype)
+    whole["q_nb"][:, 0] = 1.0
+    whole[kept] = replay(filter_, samples[kept], fixes)[0]
+    after = slice(on, on + AFTER)
+    q = d.attitude[after] * turn
+    yaw_error = (euler_deg(whole["q_nb"][after])[:, 2] - np.degrees(q.as_euler("ZYX")[:, 0]) + 180.0) % 360.0 - 180.0
+    position, _, attitude = errors(d, whole)
+    return whole[after], position[after], np.degrees(attitude[after]), yaw_error
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gap_s", [2.0, 5.0, 10.0])
+def test_a_car_in_a_bend_keeps_its_tilt_and_has_its_heading_back_with_the_next_fixes(gap_s, seed):
+    out, position, attitude, yaw = interrupted("city", seed, gap_s)
+    tilt, sigma = np.hypot(*attitude[:, :2].T), np.degrees(np.hypot(*out["sigma_rpy"][:, :2].T))
+    assert (tilt < 4.0 * sigma).all()
+    assert (out["status"] & ATTITUDE_VALID).all()
+    valid = (out["status"] & HEADING_VALID) != 0
+    assert valid[3 * RATE :].all()
+    assert not (valid & (np.abs(yaw) > 4.0 * np.degrees(out["sigma_rpy"][:, 2])) & (np.abs(yaw) > 5.0)).any()
+    assert not (np.abs(position[:, :2]) > np.maximum(4.0 * out["sigma_p"][:, :2], 5.0))[RATE:].any()
+
+
+@pytest.mark.parametrize("name", ["boat", "walk", "drone"])
+def test_a_position_after_a_gap_is_as_good_as_it_says(name):
+    """It was wrong by hundreds of metres: the tilt's error is one of the velocity, and a body leans to and fro."""
+    for seed in range(3):
+        out, position, _, _ = interrupted(name, seed, 10.0)
+        assert (out["status"][2 * RATE :] & POSITION_VALID).all()
+        assert not (np.abs(position[:, :2]) > np.maximum(4.0 * out["sigma_p"][:, :2], 5.0))[RATE:].any()
+
+
+def test_a_sensor_turned_about_the_vertical_is_seldom_wrong_and_sure():
+    wrong = 0.0
+    for name in ("city", "motorway"):
+        for seed in range(3):
+            out, _, _, yaw = interrupted(name, seed, 5.0, 45.0)
+            valid = (out["status"] & HEADING_VALID) != 0
+            wrong += (valid & (np.abs(yaw) > np.maximum(4.0 * np.degrees(out["sigma_rpy"][:, 2]), 5.0))).sum() / RATE
+    assert wrong < 15.0  # of 150 s

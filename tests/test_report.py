@@ -130,6 +130,7 @@ def test_a_recording_gives_the_same_report_as_tables(clock, tmp_path):
     assert ("drive: 6 samples are missing" in text) == ("drive: 7 frames were damaged" in text) == clock
     titles = {panel.title for figure in panels(session) for panel in figure.panels}
     assert ("Clock drift ± σ" in titles) == clock and {"Rates, FRD", "Plan"} <= titles
+    assert {title.split(" (")[0] for title in titles} >= {"roll", "north", "east", "down", "x", "y", "z"}
     if clock:
         assert session.clocks[0].rows["drift"][1:] == pytest.approx(2e-5)
         assert session.events[0].t == pytest.approx(1.5) and session.events[0].text == "the fixes are refused (hdop 9)"

@@ -80,12 +80,19 @@ def run(args: argparse.Namespace) -> int:
         progress.at(number + 1)
     if not any(found.values()):
         raise BadDataError(f"{args.recording}: every axis is constant: there is no noise to measure")
-    text = _table(found, PROFILES[args.sheet], args.sheet, len(samples), rate_hz) + _motion(samples, rate_hz)
-    print(json.dumps(_si_results(found, rate_hz)) if args.json else text)
+    sheet, head, motion = PROFILES[args.sheet], _head(len(samples), rate_hz), _motion(samples, rate_hz)
+    if args.json:
+        print(json.dumps(_si_results(found, rate_hz)))
+    else:
+        print(head)
+        _print(found, sheet, args.sheet)
+        if motion:
+            print(f"\n{motion}")
     if args.settings:
         _write(args.settings, _settings(found, args.recording))
     if args.output:
-        _draw(args.output, f"imud allan: {args.recording.name}", text, found, PROFILES[args.sheet], args.sheet)
+        text = f"{head}\n{motion}".strip()
+        _draw(args.output, f"imud allan: {args.recording.name}", text, found, sheet, args.sheet)
     return 0
 
 
@@ -109,16 +116,25 @@ def _coefficients(deviation: "AllanDeviation") -> "tuple[Coefficient, ...]":
     return deviation.random_walk, deviation.instability, deviation.rate_walk
 
 
-def _table(found: Found, sheet: Any, name: str, n: int, rate_hz: float) -> str:
-    lines = [f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer"]
-    for kind, units in _KINDS.items():
-        lines.append(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
-        for i, (what, unit) in enumerate(zip(_NAMES, units, strict=True)):
-            values = {axis: _formatted(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
-            cells = "".join(f"{values.get(axis, 'never changes'):>20}" for axis in "xyz")
-            known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
-            lines.append(f"{what:<20}{cells}   {known} {unit.text}")
-    return "\n".join(lines)
+def _head(n: int, rate_hz: float) -> str:
+    return f"{n} samples at {rate_hz:.6g} Hz, {n / rate_hz:.0f} s; ± is 1 sigma, < an upper bound: record longer"
+
+
+def _rows(found: Found, sheet: Any, kind: str) -> list[tuple[str, ...]]:
+    """Of each coefficient its name, the values of the axes, and what the data sheet says, with the unit."""
+    rows = []
+    for i, (what, unit) in enumerate(zip(_NAMES, _KINDS[kind], strict=True)):
+        values = {axis: _formatted(_coefficients(deviation)[i], unit) for axis, deviation in found[kind].items()}
+        known = f"{getattr(sheet, unit.field) * unit.factor:.3g}" if unit.field else ""
+        rows.append((what, *(values.get(axis, "never changes") for axis in "xyz"), f"{known} {unit.text}"))
+    return rows
+
+
+def _print(found: Found, sheet: Any, name: str) -> None:
+    for kind in _KINDS:
+        print(f"\n{kind:<20}{'x':>20}{'y':>20}{'z':>20}   {name}")
+        for what, x, y, z, known in _rows(found, sheet, kind):
+            print(f"{what:<20}{x:>20}{y:>20}{z:>20}   {known}")
 
 
 def _motion(samples: Any, rate_hz: float) -> str:
@@ -129,7 +145,7 @@ def _motion(samples: Any, rate_hz: float) -> str:
     steps = np.abs(np.diff(means))
     if len(steps) > 10 and steps.max() > _MOTION_RATIO * (np.median(steps) + 1e-6):
         at = (int(np.argmax(steps)) + 1) * m / rate_hz
-        return f"\n\nThe sensor has moved, most at {at:.0f} s: the result is its motion, not its noise."
+        return f"The sensor has moved, most at {at:.0f} s: the result is its motion, not its noise."
     return ""
 
 
@@ -176,6 +192,8 @@ def _draw(path: Path, title: str, text: str, found: Found, sheet: Any, name: str
 
     if not figures.available():
         raise UsageError("plots need plotly: pip install 'imud[plots]'")
+    table = [("", *"xyz", name)]
+    table += [(f"{kind}: {row[0]}", *row[1:]) for kind in _KINDS for row in _rows(found, sheet, kind)]
     panels = []
     for kind, (walk, unit, _) in _KINDS.items():
         traces = []
@@ -187,6 +205,6 @@ def _draw(path: Path, title: str, text: str, found: Found, sheet: Any, name: str
             traces.append(Trace(f"N of {name}", tau, getattr(sheet, walk.field) / np.sqrt(tau) * unit.factor, colour=3))
         panels.append(Panel(kind, "averaging time τ, s", f"Allan deviation, {unit.text}", traces, logarithmic=True))
     try:
-        figures.write(title, text, [Figure("Overlapping Allan deviation ± 1 σ", panels)], path)
+        figures.write(title, text, [Figure("Overlapping Allan deviation ± 1 σ", panels)], path, table)
     except OSError as error:
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error

@@ -37,6 +37,7 @@ STATUS = {
     "rejecting": REJECTING,
     "saturated": SATURATED,
 }
+AXES = {"vn": "north", "ve": "east", "vd": "down"} | {f"b{sensor}{axis}": axis for sensor in "ga" for axis in "xyz"}
 FLAGS = {
     "suspect": flag.SUSPECT,
     "device error": flag.DEVICE_ERROR,
@@ -63,8 +64,8 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
             if np.isfinite(y).any():
                 traces.append(Trace(e.name, e.columns["t_s"], y, sigma))
         y_range = settled_range(traces)
-        note = ": the start's σ is cut off" if y_range else ""
-        panels.append(Panel(name.rpartition("_")[0] + note, TIME, unit, traces, y_range=y_range))
+        stem, note = name.rpartition("_")[0], " (the large σ of the start is cut off)" if y_range else ""
+        panels.append(Panel(AXES.get(stem, stem) + note, TIME, unit, traces, y_range=y_range))
     return Figure(title, panels, columns=3)
 
 

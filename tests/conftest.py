@@ -68,6 +68,18 @@ def recordings() -> Path:
 
 
 @pytest.fixture
+def papers_as_c(monkeypatch):
+    """The loops of `imud reproduce` and the steps that it calls are compiled as C; users have numba for them."""
+    from in_c import Module, in_c
+
+    from imud.experiments import farrell, prasanna, suh
+
+    for paper in (farrell, suh):
+        monkeypatch.setattr(paper, "_record", in_c(paper._record))
+    monkeypatch.setattr(prasanna, "ins9", Module(prasanna.ins9))
+
+
+@pytest.fixture
 def make_loop():
     """Makes gpsd servers with a loop around each; ends them with the test."""
     from gpsd_loop import Loop  # only after numba_cache.prepare()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from in_c import Module
 from scipy.linalg import expm
 from scipy.stats import chi2, kstest, norm
 
@@ -25,6 +26,9 @@ from imud.experiments import farrell, whiteness
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
 from imud.setup import config
+
+pytestmark = pytest.mark.usefixtures("papers_as_c")
+stationary = Module(stationary)
 
 SETTINGS = Settings(imu=Imu(profile="m-g350"))
 LEVEL = Initial(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)

@@ -29,8 +29,8 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 # The files that take longest come first: what begins late is waited for at the end. Those of daemons wait most of their
 # time, the others compute: so the two kinds alternate, and there are more workers than processors.
 FIRST = (
-    *("faults_daemon", "navigation_matching", "daemon_spares", "golden_coverage", "daemon", "recording", "consistency"),
-    *("daemon_seraccel", "mutate", "daemon_iio", "compile_library", "sim_iio_polled", "c_reference", "papers_command"),
+    *("faults_daemon", "navigation_matching", "plugins", "daemon_spares", "golden_coverage", "daemon", "recording"),
+    *("consistency", "daemon_seraccel", "mutate", "daemon_iio", "compile_library", "sim_iio_polled", "c_reference"),
     *("foxglove", "calibrate_recordings", "aiding_live", "riss", "probe", "fuzz", "hot_path", "web", "soak", "clock"),
     *("demo", "same_bits", "status", "navigation_magnetometer", "sim_ports", "power_on", "ros2_node", "golden"),
 )
@@ -65,6 +65,18 @@ def recordings() -> Path:
     if not (SHARED / "data").is_dir():
         pytest.skip("no recordings: ../shared/data is absent")
     return SHARED / "data"
+
+
+@pytest.fixture
+def papers_as_c(monkeypatch):
+    """The loops of `imud reproduce` and the steps that it calls are compiled as C; users have numba for them."""
+    from in_c import Module, in_c
+
+    from imud.experiments import farrell, prasanna, suh
+
+    for paper in (farrell, suh):
+        monkeypatch.setattr(paper, "_record", in_c(paper._record))
+    monkeypatch.setattr(prasanna, "ins9", Module(prasanna.ins9))
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import argparse
 from dataclasses import dataclass
 
 import numpy as np
+from in_c import in_c
 
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.registry import by_name
@@ -80,7 +81,7 @@ def decode(name, chunks):
     taken, fill = [], 0
     for _, data in chunks:
         rx[fill : fill + len(data)] = np.frombuffer(data, np.uint8)
-        n = driver.decode(rx, fill + len(data), state, samples)
+        n = in_c(driver.decode)(rx, fill + len(data), state, samples)
         fill = int(state["leftover"][0])
         taken.append(samples[:n].copy())
     counters = {field: int(state[field][0]) for field in ("frames", "junk", "bad", "lost", "suspect")}

@@ -2,8 +2,6 @@
 grows, and a good frame is neither lost nor held back because of bad bytes before it. Devices bring the streams.
 """
 
-from functools import cache
-
 import numpy as np
 from hypothesis import strategies as st
 from in_c import in_c
@@ -13,9 +11,6 @@ from imud.drivers.sample import SAMPLE
 SIZES = st.lists(st.integers(1, 60), min_size=1, max_size=20)
 CAPACITY = st.integers(1, 7)
 KEPT = 64  # bytes that a kernel may keep
-
-
-in_c = cache(in_c)
 
 
 class Decoder:

@@ -27,6 +27,7 @@ class Module:
         return getattr(self, name)
 
 
+@functools.cache
 def in_c(kernel):
     """The kernel, translated anew for each types of arguments; where that cannot be, numba's.
 

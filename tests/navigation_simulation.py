@@ -4,6 +4,7 @@ Independent of the kernels: positions and velocities are given in closed form, t
 derivatives (Titterton and Weston, ch. 3), and noise is added afterwards.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -37,6 +38,25 @@ class Drive:
     attitude: Rotation  # vehicle to NED
     w: np.ndarray  # ideal, vehicle axes
     f: np.ndarray
+
+
+class Later:
+    """The Drive that `make` returns for these arguments, made when it is first used.
+
+    Each worker imports all files of tests and runs a few of them; pytest asks each name of theirs for attributes.
+    """
+
+    def __init__(self, make, *arguments, **options):
+        self._make = functools.partial(make, *arguments, **options)
+
+    @functools.cached_property
+    def _made(self):
+        return self._make()
+
+    def __getattr__(self, name):
+        if name not in Drive.__dataclass_fields__:
+            raise AttributeError(name)
+        return getattr(self._made, name)
 
 
 def drive(

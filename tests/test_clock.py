@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.stats
+import scipy  # imports scipy.stats when it is used
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from in_c import in_c

@@ -19,7 +19,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+import scipy  # imports scipy.stats when it is used
 from simulated import G350, M_G350, errors, estimated, motion, received, samples_of, sensed, unknown_fixes
 
 from imud.configuration.settings import Initial, Settings
@@ -50,7 +50,7 @@ DOWN = slice(2, 3)
 
 def band(dof):
     """Of a mean square of `dof` standard normal numbers; left once in 5000 tests."""
-    return chi2.ppf([1e-4, 1.0 - 1e-4], dof) / dof
+    return scipy.stats.chi2.ppf([1e-4, 1.0 - 1e-4], dof) / dof
 
 
 def assert_in_band(squares):

@@ -21,6 +21,7 @@ from framer_properties import (
 )  # fmt: skip
 from hypothesis import example, given
 from hypothesis import strategies as st
+from in_c import in_c
 
 from imud.clocks.counter import new_clock, stamp
 from imud.drivers.crossbow import timer
@@ -172,7 +173,7 @@ def test_stamps_follow_the_uneven_sampling_of_the_unit(seed):
     ticks = decoder().feed(b"".join(frames)).ticks
     arrivals = np.arange(3000) * 0.01 + 6.25e-3 + rng.exponential(3e-4, 3000)
     clock = new_clock(790.0, 6.25e6)
-    stamps = [stamp(clock[0], tick, int(t * 1e9)) for tick, t in zip(ticks, arrivals, strict=True)]
+    stamps = [in_c(stamp)(clock[0], tick, int(t * 1e9)) for tick, t in zip(ticks, arrivals, strict=True)]
     error = np.array(stamps) * 1e-9 - sampled
     assert np.abs(error[1000:]).max() < 0.5e-3
     assert np.std(np.arange(3000) * 0.01 - sampled) > 0.9e-3  # what a fixed spacing would make of it

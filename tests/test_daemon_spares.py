@@ -135,7 +135,7 @@ def test_how_a_spare_sits_is_known_over_a_restart(tmp_path, monkeypatch):
     """Found in motion. Then at rest, the sensors switched on anew: confirmed by both. Then known at once."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     first, second, port, recording = (tmp_path / name for name in ("first", "second", "port", "drive.mcap"))
-    options = ["--set", f'imu.mounts={{"{second}"=[35,0,90]}}']  # it sits as the first one does
+    options = [*RATE, "--set", f'imu.mounts={{"{second}"=[35,0,90]}}']  # it sits as the first one does
     options += [item for path in (first, second) for item in ("--port", f"{path}:epson@460800")]
     says = f"inertial sensor on {second} sits otherwise than the settings say"
     before = ", as an earlier run of the daemon found"
@@ -156,7 +156,7 @@ def test_how_a_spare_sits_is_known_over_a_restart(tmp_path, monkeypatch):
             imud.says(f"streaming port={second}")
             assert before in imud.log
             seq = imud.until(level)["seq"]
-            est = imud.until(lambda message: level(message) and message["seq"] > seq + 3000)
+            est = imud.until(lambda message: level(message) and message["seq"] > seq + 3 * RATE_HZ)
             assert est["sroll_deg"] > found["sigma_deg"]
             assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
             assert est["pitch_deg"] == pytest.approx(-5.0, abs=4.0 * est["spitch_deg"])
@@ -168,7 +168,7 @@ def test_how_a_spare_sits_is_known_over_a_restart(tmp_path, monkeypatch):
 def test_what_an_earlier_run_found_is_dropped_if_the_sensors_contradict_it(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     first, second, port = (tmp_path / name for name in ("first", "second", "port"))
-    options = [item for path in (first, second) for item in ("--port", f"{path}:epson@460800")]
+    options = [*RATE, *(item for path in (first, second) for item in ("--port", f"{path}:epson@460800"))]
     turn, body = (rotation_module.nine(Rotation.from_rotvec([x, 0.0, 0.0]).as_matrix()) for x in (0.6, 0.0))
     before = StoredRotation("W0000042", "S0000042", turn, body, 1.0, time.time(), {"": (0.0, 0.0, 0.0)})
     rotation_module.save(before, time.monotonic_ns())
@@ -178,7 +178,9 @@ def test_what_an_earlier_run_found_is_dropped_if_the_sensors_contradict_it(tmp_p
             imud.says(f"inertial sensor on {second}: its forces contradict the mounting against {first}")
             assert not list(tmp_path.rglob("rotation-*.json"))
             seq = imud.until(level)["seq"]
-            imud.until(lambda message: message["class"] == "EST" and message["seq"] > seq + 15000)  # until they agree
+            imud.until(
+                lambda message: message["class"] == "EST" and message["seq"] > seq + 15 * RATE_HZ
+            )  # until they agree
             used.close()
             imud.says(f"streaming port={second}")
             est = imud.until(lambda message: level(message) and message["device"] == str(second))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from in_c import in_c
 from spi_memory import DPS, Constant, G, Memory, golden
 
 from imud.drivers.detect import detect_spi
@@ -94,7 +95,7 @@ def decode(frame, name):
     state = DRIVER.new_state(configured(name, Memory(SENSORS[name](*golden()))))
     rx, samples = np.zeros(4096, np.uint8), np.zeros(8, SAMPLE)
     rx[: 3 * len(frame)] = np.frombuffer(3 * frame, np.uint8)
-    return samples[: DRIVER.decode(rx, 3 * len(frame), state, samples)], state
+    return samples[: in_c(DRIVER.decode)(rx, 3 * len(frame), state, samples)], state
 
 
 def configured(name, memory, **options):
@@ -164,7 +165,7 @@ def test_samples_at_every_rate(name, rate_hz):
         assert len(stream) == (k + 1) * result.frame_bytes
         assert memory.sample() == b""  # not twice
     rx[: len(stream)] = np.frombuffer(stream, np.uint8)
-    n = DRIVER.decode(rx, len(stream), state, samples)
+    n = in_c(DRIVER.decode)(rx, len(stream), state, samples)
     assert n == 40
     assert (state["lost"][0], state["bad"][0], state["junk"][0]) == (0, 0, 0)
     assert (np.diff(samples["tick"][:n]) == 1).all()
@@ -254,7 +255,7 @@ def test_whenever_it_is_fetched_a_flat_sample_is_of_one_piece_and_comes_once(pau
         stream += memory.sample()
     rx, samples = np.zeros(8192, np.uint8), np.zeros(128, SAMPLE)
     rx[: len(stream)] = np.frombuffer(stream, np.uint8)
-    n = DRIVER.decode(rx, len(stream), state, samples)
+    n = in_c(DRIVER.decode)(rx, len(stream), state, samples)
     assert n * result.frame_bytes == len(stream)
     times_s = np.hstack([samples["w"][:n] / Ramp.RADPS, samples["f"][:n] / Ramp.MPS2])
     assert np.ptp(times_s, axis=1).max(initial=0.0) < 0.4e-3

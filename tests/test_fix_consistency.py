@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 from nmea_lines import gga, rmc
 
 from imud.configuration.settings import Gnss
@@ -18,7 +18,7 @@ from imud.sensors.fix_consistency import FixConsistency, consistent
 from imud.sensors.receiver import Receiver
 from imud.tables.fixes import fixes_of_file
 
-D = drive(130.0, speed=10.0)
+D = Later(drive, 130.0, speed=10.0)
 SECOND = 1_000_000_000
 
 

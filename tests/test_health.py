@@ -3,12 +3,13 @@
 import dataclasses
 import math
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_c import in_c
 
+from imud.drivers.jit import kernel
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, NO_RATE_AXES, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_monitor.findings import words
@@ -20,10 +21,13 @@ GYRO_LSB, ACCEL_LSB = math.radians(0.0125), 0.125e-3 * G
 RATE = 500
 
 
-@numba.njit(cache=True)
+@kernel
 def run(health, samples):
     for i in range(len(samples)):
         check_sample(health[0], samples[i])
+
+
+run = in_c(run)
 
 
 def noisy(seconds, rng, rate=RATE, gyro_lsbs=4.0, accel_lsbs=10.0, motion=0.0, shaking_lsbs=0.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from in_c import in_c
 from navigation_runner import navigate
-from navigation_simulation import curvature, drive, errors, received, sensed
+from navigation_simulation import Later, curvature, drive, errors, received, sensed
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators.ins import ESTIMATOR
@@ -16,10 +16,10 @@ from imud.math.kalman import packed_index
 transfer_lever_arm = in_c(transfer_lever_arm)
 
 RATE = 100
-PARKED = drive(120.0, rest=1e3)
-UNDER_WAY = drive(60.0, rest=0.0, fast_start=True)
-WINDING = drive(40.0)
-CIRCLE = drive(60.0, rest=0.0, swing=0.0, fast_start=True)
+PARKED = Later(drive, 120.0, rest=1e3)
+UNDER_WAY = Later(drive, 60.0, rest=0.0, fast_start=True)
+WINDING = Later(drive, 40.0)
+CIRCLE = Later(drive, 60.0, rest=0.0, swing=0.0, fast_start=True)
 LEVER = (3.0, 1.0, -1.0)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate, settings_of
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter
 from scipy.spatial.transform import Rotation
 from test_navigation_aiding import headings
@@ -15,7 +15,7 @@ from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
-D = drive(90.0)  # it rests for 10 s
+D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
 FREE = Settings(navigation=Navigation(vehicle="free"))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import fixes_of, navigate, samples_of, settings_of
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
@@ -15,8 +15,8 @@ from imud.estimators.ins.state import ACCEL_BIAS, ONSETS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
 RATE = 100
-D = drive(160.0)
-PARKED = drive(160.0, rest=1e3)
+D = Later(drive, 160.0)
+PARKED = Later(drive, 160.0, rest=1e3)
 START = Initial(yaw_deg=float(np.degrees(0.7)))
 places = pytest.mark.parametrize("d", [PARKED, D], ids=["parked", "driving"])
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate, settings_of
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 
 from imud.estimators.records import HEADING_VALID
 
 RATE, BEGIN_S = 100, 90.0
-DRIVES = {speed: drive(150.0, speed=speed) for speed in (12.0, 3.0)}
+DRIVES = {speed: Later(drive, 150.0, speed=speed) for speed in (12.0, 3.0)}
 OFF = 1e9
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_jacobians import record
 
 from imud.compile.jit import interpreted
@@ -15,7 +15,7 @@ from imud.estimators.ins.setup import start
 from imud.estimators.records import HEADING_VALID, INNOVATION
 
 RATE = 100
-D = drive(120.0)
+D = Later(drive, 120.0)
 
 
 def data(seed=1, **how):

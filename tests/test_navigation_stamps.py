@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter, replay
 
 from imud.compile.jit import interpreted
@@ -15,7 +15,7 @@ from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, VELOCITY
 from imud.estimators.records import POSITION_VALID
 
 RATE = 100
-D = drive(200.0, speed=12.0)
+D = Later(drive, 200.0, speed=12.0)
 STEP_AT_S = 100.0
 
 

@@ -16,6 +16,8 @@ from imud.experiments.report import Report, Row, at_most, within
 from imud.experiments.runs import AxisRun
 from imud.figures import Figure, Panel, Trace
 
+pytestmark = pytest.mark.usefixtures("papers_as_c")
+
 PAPERS = ("stationary", "suh-standard", "suh-adaptive", "suh-two-step", "gps-track", "ins9")
 
 

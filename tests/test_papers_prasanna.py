@@ -25,6 +25,8 @@ from imud.experiments import prasanna
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
 
+pytestmark = pytest.mark.usefixtures("papers_as_c")
+
 A, F = 6378137.0, 1.0 / 298.257223563
 E2 = F * (2.0 - F)
 

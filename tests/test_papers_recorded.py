@@ -18,6 +18,8 @@ from imud.experiments.simulate import level_at_rest, m_g350
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 
+pytestmark = pytest.mark.usefixtures("papers_as_c")
+
 IMU = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
 GNSS = "t_s,lat_deg,lon_deg,height_m,satellites"
 G350 = ["--set", "imu.profile=m-g350"]

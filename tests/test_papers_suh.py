@@ -14,6 +14,8 @@ from imud.experiments import suh, suh_cart
 from imud.experiments.simulate import level_at_rest, m_g350, samples_of
 from imud.pipeline import Filter
 
+pytestmark = pytest.mark.usefixtures("papers_as_c")
+
 T, G = 0.05, 9.80665
 MODES = {"suh-standard": STANDARD, "suh-adaptive": ADAPTIVE, "suh-two-step": TWO_STEP}
 
@@ -103,7 +105,7 @@ def test_each_filter_agrees_with_a_dense_one(name):
     p = estimator.configure(Settings(), 20.0)
     p["literal"], p["rule"] = literal, rule
     out = np.zeros(1, SOLUTION)
-    n = suh._record(estimator.step, p, estimator.start(p, Initial()), samples, out, rows)
+    n = suh._record(p, estimator.start(p, Initial()), samples, out, rows)
     expected = dense(samples, MODES[estimator.name], literal, rule)
     assert n == len(expected)
     np.testing.assert_allclose(rows[:n, 1:], expected, rtol=0, atol=1e-9)

@@ -5,7 +5,7 @@ import pytest
 from attitude_simulation import Flaws, errors_deg, measure, simulate
 from broad import samples_of, solutions_of
 from navigation_runner import navigate
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Imu, Initial, Settings
@@ -79,8 +79,8 @@ def test_rest_contradicts_a_bias_that_changed_unnoticed(direction, change_dps):
 
 
 PATHS = {
-    "rest": drive(BEFORE_S + AFTER_S + 3.0, rate=RATE, rest=1e6),
-    "car": drive(BEFORE_S + AFTER_S + 3.0, rate=RATE),
+    "rest": Later(drive, BEFORE_S + AFTER_S + 3.0, rate=RATE, rest=1e6),
+    "car": Later(drive, BEFORE_S + AFTER_S + 3.0, rate=RATE),
 }
 YAW = Initial(yaw_deg=float(np.degrees(0.7)))  # in which these paths begin
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy  # imports scipy.stats when it is used
 from hypothesis import given
 from hypothesis import strategies as st
 from report_data import RNG_SEED, WHITE, innovations, still
-from scipy import stats
 
 from imud.commands.report.envelope import Envelope
 from imud.commands.report.findings import findings
@@ -17,7 +17,7 @@ from imud.figures import kept
 
 @pytest.mark.parametrize("degrees", [3, 20, 200, 5000])
 def test_bounds_are_those_of_chi_square(degrees):
-    exact = stats.chi2.ppf((0.025, 0.975), degrees) / degrees
+    exact = scipy.stats.chi2.ppf((0.025, 0.975), degrees) / degrees
     assert chi2_bounds(degrees) == pytest.approx(exact, rel=0.02, abs=0.015)
 
 

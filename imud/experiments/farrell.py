@@ -17,7 +17,7 @@ from ..estimators.papers import stationary
 from ..estimators.papers.stationary import BIAS, POSITION, STATES, VELOCITY
 from ..estimators.records import SOLUTION
 from ..math.arrays import Floats
-from ..math.kalman import scale, shear, unpack
+from ..math.kalman import packed_index, scale, shear, unpack
 from ..sensor_errors.profiles import Profile, profile_of
 from .farrell_figures import SETTLED, drift_figure, residual_figure, state_figure
 from .farrell_open_ends import drawn_rows, open_end_rows
@@ -63,8 +63,8 @@ def _record(p: Any, s: Any, samples: Any, out: Any, axis: int, states: Any, sigm
     for k in range(len(samples)):
         stationary.step(p[0], s[0], samples[k], out[0])
         states[k, 0], states[k, 1], states[k, 2] = s[0].p[axis], s[0].v[axis], s[0].b[axis]
-        for i, diagonal in enumerate((0, 3, 5)):
-            sigmas[k, i] = math.sqrt(s[0].P[diagonal])
+        for i in range(STATES):
+            sigmas[k, i] = math.sqrt(s[0].P[packed_index(STATES, i, i)])
         if s[0].measurement_count > count and count < len(residuals):
             residuals[count, 0], residuals[count, 1] = s[0].residual[axis], math.sqrt(s[0].variance)
             count += 1

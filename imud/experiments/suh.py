@@ -48,11 +48,11 @@ PRINTED_VARIANCES = "1.68e-05, 1.67e-05; 0.0032, 0.0040, 0.0031"
 
 
 @kernel
-def _record(step: Any, p: Any, s: Any, samples: Any, out: Any, rows: Any) -> int:
+def _record(p: Any, s: Any, samples: Any, out: Any, rows: Any) -> int:
     """Step through the samples; one row t, pitch, roll, their variances, r1, r2 per step of the filter."""
     count = 0
     for k in range(len(samples)):
-        step(p[0], s[0], samples[k], out[0])
+        filters.step(p[0], s[0], samples[k], out[0])
         if s[0].steps > count:
             rows[count, 0] = s[0].t_ns * 1e-9
             for i in range(2):
@@ -69,7 +69,7 @@ def filtered(name: str, samples: Any, rate_hz: float = RATE_HZ) -> AttitudeRun:
     p = estimator.configure(Settings(), rate_hz)
     p["literal"], p["rule"] = literal, rule
     rows = np.zeros((len(samples), 7))
-    n = _record(estimator.step, p, estimator.start(p, Initial()), samples, np.zeros(1, SOLUTION), rows)
+    n = _record(p, estimator.start(p, Initial()), samples, np.zeros(1, SOLUTION), rows)
     rows = rows[:n]
     return AttitudeRun(rows[:, 0], np.degrees(rows[:, 1:3]), np.degrees(np.sqrt(rows[:, 3:5])), rows[:, 5:7])
 

@@ -64,7 +64,7 @@ def reconnected():
         samples["flags"][np.flatnonzero(between(samples, begin, 1e9))[0]] |= RECONNECTED
     turn, after = Rotation.from_euler("Z", -30.0, degrees=True), between(samples, 92.0, 1e9)
     samples["w"][after], samples["f"][after] = turn.apply(samples["w"][after]), turn.apply(samples["f"][after])
-    away = between(samples, 50.0, 58.0) | between(samples, 87.0, 92.0) | between(samples, 126.5, 128.0)
+    away = between(samples, 50.0, 58.0) | between(samples, 87.0, 92.0) | between(samples, 122.0, 128.0)
     return navigated(samples[~away], fixes, vehicle="land")
 
 

@@ -121,11 +121,12 @@ def update_hand_held(p: Parameters, s: State) -> None:
     a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
     mean2 = s.motion.v_mean[0] ** 2 + s.motion.v_mean[1] ** 2
     travels = mean2 > c.travel_speed_mps**2
+    in_doubt = s.stationarity.gravity_checked == 0 and s.hypotheses.hand < c.min_hand_probability
     if step.hand_held_s < c.hand_time_s:
         step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
     if s.stationarity.stationary == 1:
         step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
-    elif step.travel_s > c.travel_proof_s:
+    elif step.travel_s > c.travel_proof_s or in_doubt:
         step.hand_held_s = 0.0
     elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
         step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)

@@ -51,6 +51,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
             add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
             add_clipping_variance(s, variance)
+            s.hypotheses.attitude_noise += variance
             clip.missing_angle += 2.0 * angle
         else:
             if clip.time[i] > 0.0:

@@ -25,7 +25,7 @@ ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY
 STATES = 28
 JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
 FUSED = 9  # most scalar measurements of an interval
-HYPOTHESES = 16  # of how the body moves, before the first rest
+HYPOTHESES = 17  # of how the body moves, before the first rest
 HYPOTHESIS_STATES = 11
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
 BINS = 2 * WINDOW + 1  # of a histogram of readings about zero

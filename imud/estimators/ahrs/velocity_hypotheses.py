@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from .types import Parameters, State
 
 N = HYPOTHESIS_STATES  # tilt 0, 1; bias 2, 3, 4; integrated velocity 5, 6; true velocity 7, 8; acceleration 9, 10
-SPEED = (0.3, 1.0, 3.0, 3.0, 1.5, 4.0, 10.0, 20.0, 30.0, 4.0, 12.0, 2.0, 6.0, 6.0, 20.0, 20.0)  # m/s, RMS, each axis
-TIME = (1.0, 2.0, 2.0, 6.0, 60.0, 60.0, 60.0, 60.0, 60.0, 10.0, 10.0, 600.0, 600.0, 6e3, 600.0, 6e3)  # s, correlation
-HANDS = 2  # hypotheses of hands: the filter itself is made for them
-FREE = 4  # those before this one are not carried: their velocity does not turn with the heading
+SPEED = (0.1, 0.3, 1.0, 3.0, 3.0, 1.5, 4.0, 10.0, 20.0, 30.0, 4.0, 12.0, 2.0, 6.0, 6.0, 20.0, 20.0)  # m/s, RMS, each axis
+TIME = (0.5, 0.5, 2.0, 2.0, 6.0, 60.0, 60.0, 60.0, 60.0, 60.0, 10.0, 10.0, 600.0, 600.0, 6e3, 600.0, 6e3)  # s, correlation
+HANDS = 3  # hypotheses of hands: the filter itself is made for them
+FREE = 5  # those before this one are not carried: their velocity does not turn with the heading
 INTERVAL = 1.0  # s
 SPEED_NOISE, SPEED_NOISE_SHARE = 0.05, 0.1  # m/s, and share of the speed: what the process does not describe
 CARRIED_TIME = 60.0  # s, in which what is constant in the body changes
@@ -134,16 +134,17 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         b.log_weight[h] += c.hypothesis_weight_evidence * log_likelihood - fading * b.log_weight[h]
         likeliest = max(likeliest, b.log_likelihood[h])
         best = max(best, b.log_weight[h])
-    hand = total = 0.0
+    hand = total = speed2 = 0.0
     for h in range(HYPOTHESES):
         b.log_likelihood[h] = max(b.log_likelihood[h] - likeliest, -c.hypothesis_max_odds)
         b.log_weight[h] = max(b.log_weight[h] - best, -c.hypothesis_max_odds)
         likelihood = elementary.exp(b.log_likelihood[h])
         hand += likelihood if h < HANDS else 0.0
         total += likelihood
+        speed2 += likelihood * (b.x[h, 7] ** 2 + b.x[h, 8] ** 2 + b.P[h, 7, 7] + b.P[h, 8, 8])
     b.hand = hand / total
     mix_hypotheses(s)
-    choose_leader(p, s)
+    choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2)
     for i in range(2):
         b.v[i] += b.mean[5 + i]
         for h in range(HYPOTHESES):
@@ -172,11 +173,11 @@ def mix_hypotheses(s: State) -> None:
 
 
 @kernel
-def choose_leader(p: Parameters, s: State) -> None:
+def choose_leader(p: Parameters, s: State, travels: bool) -> None:
     """Whether the filter is right or the hypotheses lead, and what the other side says of the tilt error."""
     b = s.hypotheses
     led = b.leading == 1
-    b.leading = 1 if b.hand < 0.5 else 0
+    b.leading = 1 if travels else 0
     b.due = b.leading
     if led and b.leading == 0:
         for i in range(3):

@@ -188,7 +188,7 @@ VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
         ("log_likelihood", "<f8", (HYPOTHESES,)),  # less that of the likeliest
         ("log_weight", "<f8", (HYPOTHESES,)),  # of those without hands, less the largest
         ("v", "<f8", (2,)),  # m/s, north and east, integrated without corrections
-        ("way", "<f8", (2,)),  # m, the integral of that
+        ("displacement", "<f8", (2,)),  # m, the integral of that since the last comparison
         ("time", "<f8"),  # s, of the transition so far
         ("tilt_by_bias", "<f8", (2, 3)),  # elements of the transition
         ("velocity_by_bias", "<f8", (2, 3)),

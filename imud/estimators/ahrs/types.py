@@ -46,7 +46,6 @@ class Tuning:
     hypothesis_weight_evidence: float
     hypothesis_weight_time_s: float
     hypothesis_hand_odds: float
-    hypothesis_hand_gate: float
     hypothesis_max_odds: float
     vibration_time_s: float
     road_slope: float
@@ -252,7 +251,7 @@ class VelocityHypotheses:
     log_likelihood: Reals
     log_weight: Reals
     v: Reals
-    way: Reals
+    displacement: Reals
     time: float
     tilt_by_bias: Tensor
     velocity_by_bias: Tensor

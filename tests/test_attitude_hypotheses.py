@@ -35,7 +35,7 @@ def begun():
 @pytest.mark.parametrize("leading", [0, 1])
 def test_the_error_that_the_others_suppose_is_that_of_a_mixture_of_two(leading):
     """Of a tilt known to .01 rad about each axis by those who lead, and by the others to .02 and .2 away."""
-    p, s = begun()
+    _, s = begun()
     bank, others = s.hypotheses, slice(HANDS) if leading else slice(HANDS, None)
     s.cov.P[:] = 0.0
     for axis in range(2):
@@ -148,7 +148,7 @@ def plane(seed, seconds):
 def entered(drive, seed):
     """(RMS tilt in deg, mean NEES, part that is valid) from 5 s on of a minute that begins in motion."""
     rng, part = np.random.default_rng([seed, 7]), slice(-60 * RATE, None)
-    flaws = sensor(rng, list(ACCEL_BIAS)[0])
+    flaws = sensor(rng, next(iter(ACCEL_BIAS)))
     shaken = rng.normal(size=(2, 60 * RATE, 3)) * [[[0.006]], [[0.3]]]  # rad/s, m/s^2: nothing that flies is quiet
     truth = Truth(drive.t[: 60 * RATE], drive.attitude[part], drive.w[part] + shaken[0], drive.f[part] + shaken[1])
     out = solutions_of(samples_of(truth.t, *measure(truth, flaws, rng)))[5 * RATE :]

@@ -133,7 +133,7 @@ def update_hand_held(p: Parameters, s: State) -> None:
         step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
     if s.stationarity.stationary == 1:
         step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
-    elif step.travel_s > c.travel_proof_s:
+    elif step.travel_s > c.travel_proof_s or s.hypotheses.leading == 1:
         step.hand_held_s = 0.0
     elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
         step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)

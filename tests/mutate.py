@@ -83,6 +83,7 @@ NOT_NOTICED = {
     "navigation.wrong_bias_gate": BETWEEN + "NIS of a wrong bias at rest",
     "attitude.usual_gain_time_s": "each slip in the recordings comes after less time in the hand",
     "attitude.travel_proof_s": BETWEEN + "time of travel of a body that slips",
+    "attitude.min_hand_probability": "none that begins in motion has a step; test_attitude_hypotheses has a plane",
     "attitude.vehicle_time_s": "no body in the recordings travels before it is in a hand",
     "riss.gate": BETWEEN + "NIS of an outlier",
     "riss.rest_rate": BETWEEN + "yaw rate at a rest",

@@ -57,7 +57,7 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         step.usual_gain2 += part * (min(gain2, 4.0 * step.usual_gain2 + least2) - step.usual_gain2)
         step.usual_mean2 += part * (min(mean2, 4.0 * step.usual_mean2 + least2) - step.usual_mean2)
     step.possible_tilt_error = angle_of_rise(p, s, gain2)
-    if step.hand_held_s < c.hand_time_s or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
+    if not is_in_a_hand(p, s) or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
         restart_window(s)
         return False
     use_mean, angle, var = window_angle(p, s)
@@ -70,13 +70,21 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
 
 
 @kernel
+def is_in_a_hand(p: Parameters, s: State) -> bool:
+    """Has the body moved as no vehicle does for long enough, and before the first rest, do the hypotheses say so?"""
+    c = p.tuning
+    likely = s.stationarity.gravity_checked == 1 or s.hypotheses.hand > c.min_hand_probability
+    return bool(likely and s.attitude_step.hand_held_s >= c.hand_time_s)
+
+
+@kernel
 def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
     """The sigma of a tilt error, rad, that may begin to show: the gain, squared `gain2`, is beyond its usual.
 
     With the probability of a slip it is the angle from the vertical to the force since, else zero.
     """
     c, step = p.tuning, s.attitude_step
-    if step.hand_held_s < c.hand_time_s or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
+    if not is_in_a_hand(p, s) or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
         clear_rise(p, s)
         return 0.0
     for i in range(3):
@@ -125,7 +133,7 @@ def update_hand_held(p: Parameters, s: State) -> None:
         step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
     if s.stationarity.stationary == 1:
         step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
-    elif step.travel_s > c.travel_proof_s:
+    elif step.travel_s > c.travel_proof_s or s.hypotheses.leading == 1:
         step.hand_held_s = 0.0
     elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
         step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)

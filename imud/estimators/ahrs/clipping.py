@@ -18,6 +18,7 @@ from ...compile.jit import kernel
 from ...math.rotation import Vector, dcm_of_quat
 from .attitude_step import add_clipping_variance
 from .error_model import add_attitude_variance
+from .velocity_hypotheses import add_attitude_noise
 
 if TYPE_CHECKING:
     from .types import Parameters, State
@@ -51,6 +52,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
             add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
             add_clipping_variance(s, variance)
+            add_attitude_noise(s, variance)
             clip.missing_angle += 2.0 * angle
         else:
             if clip.time[i] > 0.0:

@@ -54,6 +54,13 @@ def reset_variance(s: State, i: int, variance: float) -> None:
 
 
 @kernel
+def replace_variance(s: State, i: int, variance_: float) -> None:
+    """Give error state i this variance, with the same correlations; what comes later tells nothing of it before."""
+    scale(s.cov.P, STATES, i, (variance_ / variance(s, i)) ** 0.5)
+    record_reset(s, i)
+
+
+@kernel
 def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
     """Tilt i is that of `time` ago: its error has grown with the gyro bias since. `columns_of_c`: row i of C."""
     for j in range(3):

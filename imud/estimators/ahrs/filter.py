@@ -41,7 +41,7 @@ from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
-from .velocity_hypotheses import follow_correction, start_hypotheses, update_hypotheses
+from .velocity_hypotheses import follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution
@@ -141,8 +141,11 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     was_stationary = s.stationarity.stationary == 1
     if detect_stationary(p, s):
         fuse_stationary(p, s)
+        fuse_zero_position(p, s)
+    elif s.hypotheses.leading == 1:
+        follow_hypotheses(p, s)
     else:
         if was_stationary:
             add_truncation_noise(s)
         fuse_zero_velocity(p, s)
-    fuse_zero_position(p, s)
+        fuse_zero_position(p, s)

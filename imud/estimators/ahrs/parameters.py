@@ -133,8 +133,9 @@ _MOTION = (
     Tunable("hypothesis_tilt_rad", 0.4, "rad", "Sigma of tilt where the body may move at any speed.", SIMULATED),
     Tunable("hypothesis_noise_per_rate", 0.005, "sqrt(s)", "Gyro scale errors as noise, in proportion.", SIMULATED),
     Tunable("hypothesis_evidence", 0.7, "", "Exponent of their likelihoods: they are not exact.", SIMULATED, high=1.0),
+    Tunable("hypothesis_weight_evidence", 0.05, "", "The same for those without hands.", SIMULATED, high=1.0),
+    Tunable("hypothesis_weight_time_s", 20.0, "s", "Time in which those weights fade.", SIMULATED, low=1.0),
     Tunable("hypothesis_hand_odds", 3.5, "", "Log odds of a hand's over another before any evidence.", SIMULATED),
-    Tunable("hypothesis_hand_gate", 4.0, "", "NIS of the tilt of a hand that contradicts the filter.", SIMULATED),
     Tunable("hypothesis_max_odds", 12.0, "", "Most log odds against a hypothesis.", SIMULATED),
     Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
     Tunable("road_slope", 0.03, "", "Sigma of the slope of roads.", UNRECORDED),
@@ -229,6 +230,7 @@ _ATTITUDE_STEP = (
         "steady_share", 0.75, "", "The share of a mean force that its newest value shows if it lasts.", HANDS, high=1.0
     ),
     Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
+    Tunable("min_hand_probability", 0.99, "", "Of a hand, before a rest, for a step to be one.", HANDS, high=1.0),
     Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion.", HANDS),
     Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),
     Tunable("travel_proof_s", 3.0, "s", "Travel after which a body is a vehicle.", VEHICLES),

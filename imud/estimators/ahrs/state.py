@@ -25,7 +25,8 @@ ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY
 STATES = 28
 JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
 FUSED = 9  # most scalar measurements of an interval
-HYPOTHESES = 10  # of how the body moves, before the first rest
+HYPOTHESES = 17  # of how the body moves, before the first rest
+HYPOTHESIS_STATES = 11
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
 BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 
@@ -182,18 +183,26 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
 
 VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
     [
-        ("x", "<f8", (HYPOTHESES, 9)),
-        ("P", "<f8", (HYPOTHESES, 9, 9)),
+        ("x", "<f8", (HYPOTHESES, HYPOTHESIS_STATES)),
+        ("P", "<f8", (HYPOTHESES, HYPOTHESIS_STATES, HYPOTHESIS_STATES)),
         ("log_likelihood", "<f8", (HYPOTHESES,)),  # less that of the likeliest
+        ("log_weight", "<f8", (HYPOTHESES,)),  # of those without hands, less the largest
         ("v", "<f8", (2,)),  # m/s, north and east, integrated without corrections
+        ("displacement", "<f8", (2,)),  # m, the integral of that since the last comparison
         ("time", "<f8"),  # s, of the transition so far
         ("tilt_by_bias", "<f8", (2, 3)),  # elements of the transition
         ("velocity_by_bias", "<f8", (2, 3)),
         ("force", "<f8"),  # m/s, integral of the vertical force
         ("turn", "<f8"),  # rad, about the vertical
+        ("turn_by_bias", "<f8", (3,)),  # s, how a gyro bias turns north and east
         ("shift", "<f8", (7,)),  # what the filter's own corrections have added to the states
         ("attitude_noise", "<f8"),  # rad^2
-        ("ph", "<f8", (9,)),
+        ("ph", "<f8", (HYPOTHESIS_STATES,)),
+        ("hand", "<f8"),  # probability that the body is in a hand
+        ("mean", "<f8", (HYPOTHESIS_STATES,)),  # of the others
+        ("covariance", "<f8", (HYPOTHESIS_STATES, HYPOTHESIS_STATES)),
+        ("leading", "<i8"),  # 1: the filter follows the others
+        ("due", "<i8"),  # 1: it has not yet, to what they newly say
         ("possible_tilt_error", "<f8"),  # rad, of roll and of pitch
     ],
     align=True,

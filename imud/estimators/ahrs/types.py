@@ -43,8 +43,9 @@ class Tuning:
     hypothesis_tilt_rad: float
     hypothesis_noise_per_rate: float
     hypothesis_evidence: float
+    hypothesis_weight_evidence: float
+    hypothesis_weight_time_s: float
     hypothesis_hand_odds: float
-    hypothesis_hand_gate: float
     hypothesis_max_odds: float
     vibration_time_s: float
     road_slope: float
@@ -96,6 +97,7 @@ class Tuning:
     min_step_s: float
     steady_share: float
     hand_time_s: float
+    min_hand_probability: float
     lively_acceleration_mps2: float
     lively_rate_radps: float
     travel_proof_s: float
@@ -247,15 +249,23 @@ class VelocityHypotheses:
     x: Tensor
     P: Tensor
     log_likelihood: Reals
+    log_weight: Reals
     v: Reals
+    displacement: Reals
     time: float
     tilt_by_bias: Tensor
     velocity_by_bias: Tensor
     force: float
     turn: float
+    turn_by_bias: Reals
     shift: Reals
     attitude_noise: float
     ph: Floats
+    hand: float
+    mean: Reals
+    covariance: Tensor
+    leading: int
+    due: int
     possible_tilt_error: float
 
 

@@ -1,15 +1,14 @@
-"""Before the first rest: how the body moves, by a bank of hypotheses, and the tilt error that the filter may have then.
+"""Before the first rest: whether the body is in a hand, and otherwise the tilt that other ways to move explain best.
 
 While neither the tilt nor the gyro bias is known, a velocity that lasts for seconds looks like both. How long and how
-fast is what a hand, somebody who walks, a drone and a car do differently. So for each hypothesis a Kalman filter of
-nine states runs beside: errors of tilt (2) and gyro bias (3), of a velocity that is integrated without corrections (2),
-and the true velocity (2), a first-order Gauss-Markov process of the hypothesis' RMS speed and correlation time. That
-of a vehicle is carried: it turns with the body's heading. Once a second the true velocity is what was integrated plus
-its error; the innovations' likelihood weighs the hypotheses (multiple-model estimation, Magill 1965).
+fast is what a hand, somebody who walks, a drone and a car do differently. So a bank of filters runs beside, one for
+each hypothesis of how the body moves (`hypothesis_filters`; multiple-model estimation, Magill 1965).
 
-All are linearised about the filter's own attitude and bias. What the hypotheses say of its tilt error, with their
-probability, is stated in the sigmas of roll and pitch: those of faster bodies all that is more than the filter states,
-those of hands only a contradiction, since the filter itself is made for hands.
+The innovations' likelihood says whether the body is in a hand. Where it is, the filter, which is made for hands, is
+right, and what the others say is stated with their probability in the sigmas of roll and pitch. Where it is not, and
+the body travels, the others lead: their mixture becomes the filter's tilt, gyro bias and velocity, once a second, and
+no zero velocity is assumed. Among themselves they are weighed by a small power of the likelihood only, which fades, as
+the errors of these models last for many seconds.
 """
 
 from __future__ import annotations
@@ -20,37 +19,34 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from .error_model import variance
-from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES
+from .error_model import replace_variance, variance
+from .hypothesis_filters import (
+    HANDS,
+    compare_velocity,
+    correct_integrated_velocity,
+    propagate_hypothesis,
+    start_filters,
+)
+from .motion import reset_motion, start_motion
+from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES, HYPOTHESIS_STATES, VELOCITY
 
 if TYPE_CHECKING:
     from .types import Parameters, State
 
-N = 9  # states: tilt 0, 1; gyro bias 2, 3, 4; error of the integrated velocity 5, 6; true velocity 7, 8
-SPEED = (0.3, 1.0, 3.0, 3.0, 1.5, 4.0, 10.0, 20.0, 4.0, 12.0)  # m/s, RMS of each level component
-TIME = (1.0, 2.0, 2.0, 6.0, 60.0, 60.0, 60.0, 60.0, 10.0, 10.0)  # s, correlation time
-CARRIED = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)  # 1: it turns with the heading
-HANDS = 2  # hypotheses of hands: the filter itself is made for them
 INTERVAL = 1.0  # s
-SPEED_NOISE, SPEED_NOISE_SHARE = 0.05, 0.1  # m/s, and share of the speed: what the process does not describe
 
 
 @kernel
 def start_hypotheses(p: Parameters, s: State) -> None:
     """Nothing is known: roll and pitch have just been set."""
-    b, tilt2 = s.hypotheses, p.tuning.hypothesis_tilt_rad**2
-    b.x[:] = 0.0
-    b.P[:] = 0.0
+    b = s.hypotheses
+    start_filters(p, s)
     b.v[:] = 0.0
-    b.possible_tilt_error = 0.0
+    b.possible_tilt_error = b.hand = 0.0
+    b.leading = b.due = 0
     for h in range(HYPOTHESES):
         b.log_likelihood[h] = p.tuning.hypothesis_hand_odds if h < HANDS else 0.0
-        speed2 = SPEED[h] ** 2
-        for i in range(2):
-            b.P[h, i, i] = tilt2
-            b.P[h, 5 + i, 5 + i] = b.P[h, 7 + i, 7 + i] = b.P[h, 5 + i, 7 + i] = b.P[h, 7 + i, 5 + i] = speed2
-        for i in range(3):
-            b.P[h, 2 + i, 2 + i] = p.gyro_bias_var
+        b.log_weight[h] = 0.0
     restart_interval(s)
 
 
@@ -59,7 +55,9 @@ def restart_interval(s: State) -> None:
     """The transition begins anew."""
     b = s.hypotheses
     b.time = b.force = b.turn = b.attitude_noise = 0.0
+    b.displacement[:] = 0.0
     b.shift[:] = 0.0
+    b.turn_by_bias[:] = 0.0
     b.tilt_by_bias[:] = 0.0
     b.velocity_by_bias[:] = 0.0
 
@@ -70,6 +68,7 @@ def update_hypotheses(p: Parameters, s: State) -> None:
     b, total = s.hypotheses, s.integrals
     if s.stationarity.gravity_checked == 1:
         b.possible_tilt_error = 0.0
+        b.leading = 0
         return
     if b.time >= INTERVAL:
         measure_hypotheses(p, s)
@@ -81,15 +80,24 @@ def update_hypotheses(p: Parameters, s: State) -> None:
             b.velocity_by_bias[i, j] += sign * z * (b.tilt_by_bias[k, j] - 0.5 * total.c[3 * k + j])
             b.shift[5 + i] -= 0.5 * sign * z * total.c[3 * k + j] * b.shift[2 + j]
     for i in range(2):
+        b.displacement[i] += (b.v[i] + 0.5 * total.delta_v[i]) * total.time
         b.v[i] += total.delta_v[i]
         for j in range(3):
             b.tilt_by_bias[i, j] -= total.c[3 * i + j]
             b.shift[i] -= total.c[3 * i + j] * b.shift[2 + j]
     b.force += z
     b.turn += total.c_outer_w[18] + total.c_outer_w[22] + total.c_outer_w[26]
+    for j in range(3):
+        b.turn_by_bias[j] += total.c[6 + j]
     c = p.tuning
     b.attitude_noise += p.gyro_psd * total.time + c.hypothesis_noise_per_rate**2 * total.w2 + total.attitude_noise
     b.time += total.time
+
+
+@kernel
+def add_attitude_noise(s: State, variance_: float) -> None:
+    """The attitude has become that much less certain about some axis, rad^2."""
+    s.hypotheses.attitude_noise += variance_
 
 
 @kernel
@@ -104,92 +112,95 @@ def follow_correction(s: State) -> None:
 
 @kernel
 def measure_hypotheses(p: Parameters, s: State) -> None:
-    """Propagate each hypothesis over the interval, compare velocities, weigh."""
-    b = s.hypotheses
-    best = -math.inf
+    """Propagate each hypothesis over the interval, compare velocities, weigh, mix."""
+    b, c = s.hypotheses, p.tuning
+    best = likeliest = -math.inf
+    fading = b.time / (c.hypothesis_weight_time_s + b.time)
     for h in range(HYPOTHESES):
         propagate_hypothesis(p, s, h)
-        b.log_likelihood[h] += p.tuning.hypothesis_evidence * compare_velocity(s, h)
-        best = max(best, b.log_likelihood[h])
-    total = unstated = 0.0
-    stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
-    mean0 = mean1 = 0.0
+        log_likelihood = compare_velocity(s, h)
+        b.log_likelihood[h] += c.hypothesis_evidence * log_likelihood
+        b.log_weight[h] += c.hypothesis_weight_evidence * log_likelihood - fading * b.log_weight[h]
+        likeliest = max(likeliest, b.log_likelihood[h])
+        best = max(best, b.log_weight[h])
+    hand = total = speed2 = 0.0
     for h in range(HYPOTHESES):
-        b.log_likelihood[h] = max(b.log_likelihood[h] - best, -p.tuning.hypothesis_max_odds)
-        weight = elementary.exp(b.log_likelihood[h])
-        total += weight
-        mean0 += weight * b.x[h, 5]
-        mean1 += weight * b.x[h, 6]
-        tilt2 = b.x[h, 0] ** 2 + b.x[h, 1] ** 2
-        if h >= HANDS:
-            unstated += weight * (tilt2 + b.P[h, 0, 0] + b.P[h, 1, 1] - stated)
-        else:
-            unstated += weight * max(tilt2 - p.tuning.hypothesis_hand_gate * stated, 0.0)
-    b.possible_tilt_error = math.sqrt(max(0.5 * unstated / total, 0.0))
-    b.v[0] += mean0 / total
-    b.v[1] += mean1 / total
-    for h in range(HYPOTHESES):
-        b.x[h, 5] -= mean0 / total
-        b.x[h, 6] -= mean1 / total
+        b.log_likelihood[h] = max(b.log_likelihood[h] - likeliest, -c.hypothesis_max_odds)
+        b.log_weight[h] = max(b.log_weight[h] - best, -c.hypothesis_max_odds)
+        likelihood = elementary.exp(b.log_likelihood[h])
+        hand += likelihood if h < HANDS else 0.0
+        total += likelihood
+        speed2 += likelihood * (b.x[h, 7] ** 2 + b.x[h, 8] ** 2 + b.P[h, 7, 7] + b.P[h, 8, 8])
+    b.hand = hand / total
+    mix_hypotheses(s)
+    choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2)
+    b.possible_tilt_error = tilt_error_of_others(s)
+    for i in range(2):
+        b.v[i] += b.mean[5 + i]
+        correct_integrated_velocity(s, i, b.mean[5 + i])
     restart_interval(s)
 
 
 @kernel
-def add_row(s: State, h: int, i: int, j: int, k: float) -> None:
-    """State i of hypothesis h has grown by k times state j."""
-    b = s.hypotheses
-    b.x[h, i] += k * b.x[h, j]
-    for m in range(N):
-        b.P[h, i, m] += k * b.P[h, j, m]
-    for m in range(N):
-        b.P[h, m, i] += k * b.P[h, m, j]
+def mix_hypotheses(s: State) -> None:
+    """Mean and covariance of the hypotheses of other bodies than hands."""
+    b, total = s.hypotheses, 0.0
+    b.mean[:] = 0.0
+    b.covariance[:] = 0.0
+    for h in range(HANDS, HYPOTHESES):
+        weight = elementary.exp(b.log_weight[h])
+        total += weight
+        for i in range(HYPOTHESIS_STATES):
+            b.mean[i] += weight * b.x[h, i]
+            for j in range(HYPOTHESIS_STATES):
+                b.covariance[i, j] += weight * (b.P[h, i, j] + b.x[h, i] * b.x[h, j])
+    for i in range(HYPOTHESIS_STATES):
+        b.mean[i] /= total
+    for i in range(HYPOTHESIS_STATES):
+        for j in range(HYPOTHESIS_STATES):
+            b.covariance[i, j] = b.covariance[i, j] / total - b.mean[i] * b.mean[j]
 
 
 @kernel
-def propagate_hypothesis(p: Parameters, s: State, h: int) -> None:
-    """Transition and process noise of hypothesis h over the interval."""
+def choose_leader(p: Parameters, s: State, travels: bool) -> None:
+    """Whether the filter is right or the hypotheses lead; the latter begins and ends with an unknown velocity."""
     b = s.hypotheses
-    add_row(s, h, 5, 1, b.force)
-    add_row(s, h, 6, 0, -b.force)
-    for i in range(2):
-        for j in range(3):
-            add_row(s, h, 5 + i, 2 + j, b.velocity_by_bias[i, j])
-    for i in range(2):
-        for j in range(3):
-            add_row(s, h, i, 2 + j, b.tilt_by_bias[i, j])
-    kept = elementary.exp(-b.time / TIME[h])
-    cosine, sine = kept * elementary.cos(CARRIED[h] * b.turn), kept * elementary.sin(CARRIED[h] * b.turn)
-    north, east = b.x[h, 7], b.x[h, 8]
-    b.x[h, 7], b.x[h, 8] = cosine * north - sine * east, sine * north + cosine * east
-    for m in range(N):
-        north, east = b.P[h, 7, m], b.P[h, 8, m]
-        b.P[h, 7, m], b.P[h, 8, m] = cosine * north - sine * east, sine * north + cosine * east
-    for m in range(N):
-        north, east = b.P[h, m, 7], b.P[h, m, 8]
-        b.P[h, m, 7], b.P[h, m, 8] = cosine * north - sine * east, sine * north + cosine * east
-    for i in range(7):
-        b.x[h, i] += b.shift[i]
-    for i in range(2):
-        b.P[h, i, i] += b.attitude_noise
-        b.P[h, 5 + i, 5 + i] += p.accel_psd * b.time
-        b.P[h, 7 + i, 7 + i] += SPEED[h] ** 2 * (1.0 - kept * kept)
+    if b.leading == 1 and not travels:
+        for i in range(3):
+            start_motion(p, s, i)
+    b.leading = b.due = 1 if travels else 0
+
+
+@kernel
+def tilt_error_of_others(s: State) -> float:
+    """By how much the tilt may be wrong, rad, because those are right that do not lead: not stated elsewhere."""
+    b = s.hypotheses
+    stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
+    north = east = total = unstated = 0.0
+    if b.leading == 1:
+        stated, north, east = b.covariance[0, 0] + b.covariance[1, 1], b.mean[0], b.mean[1]
+    for h in range(HYPOTHESES):
+        likelihood = elementary.exp(b.log_likelihood[h])
+        total += likelihood
+        if (h < HANDS) == (b.leading == 1):
+            tilt2 = (b.x[h, 0] - north) ** 2 + (b.x[h, 1] - east) ** 2
+            unstated += likelihood * (tilt2 + b.P[h, 0, 0] + b.P[h, 1, 1] - stated)
+    return math.sqrt(max(0.5 * unstated / total, 0.0))
+
+
+@kernel
+def follow_hypotheses(p: Parameters, s: State) -> None:
+    """The mixture of the hypotheses becomes the filter's tilt, gyro bias and velocity."""
+    b, x = s.hypotheses, s.scratch.x
+    if b.due == 0:
+        return
+    b.due = 0
     for i in range(3):
-        b.P[h, 2 + i, 2 + i] += p.gyro_bias_psd * b.time
-
-
-@kernel
-def compare_velocity(s: State, h: int) -> float:
-    """The true velocity is the integrated one and its error; returns the log likelihood of both components."""
-    b, log_likelihood = s.hypotheses, 0.0
-    r = SPEED_NOISE**2 + (SPEED_NOISE_SHARE * SPEED[h]) ** 2
+        reset_motion(p, s, i)
+    for i in range(5):
+        state = ATTITUDE + i if i < 2 else GYRO_BIAS + i - 2
+        x[state] = b.mean[i]
+        replace_variance(s, state, b.covariance[i, i])
     for i in range(2):
-        for j in range(N):
-            b.ph[j] = b.P[h, j, 5 + i] - b.P[h, j, 7 + i]
-        variance = b.ph[5 + i] - b.ph[7 + i] + r
-        innovation = b.x[h, 7 + i] - b.x[h, 5 + i] - b.v[i]
-        log_likelihood -= 0.5 * (elementary.log(variance) + innovation * innovation / variance)
-        for j in range(N):
-            b.x[h, j] += b.ph[j] * innovation / variance
-            for k in range(N):
-                b.P[h, j, k] -= b.ph[j] * b.ph[k] / variance
-    return log_likelihood
+        x[VELOCITY + i] = b.mean[7 + i]
+        replace_variance(s, VELOCITY + i, b.covariance[7 + i, 7 + i])

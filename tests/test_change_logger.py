@@ -166,7 +166,7 @@ def test_an_inertial_sensor_on_a_disturbed_line_is_not_called_well():
     sensor = inertial(by_name("crossbow"))
     reported = []
     for k in range(6000):
-        data = packet((0, 0, 0, 0, 0, 10923), clock=-12_658 * k)
+        data = packet((0, 0, 0, 0, 0, 10923 + k % 2), clock=-12_658 * k)
         receive_from(sensor, bytes(24) if 1000 <= k < 3000 and k % 40 == 0 else data, k * SECOND // 100)
         sensor.update(k * SECOND // 100)
         reported.append(sensor.faults(k * SECOND // 100))

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from binary_outputs import opened, serve, solutions
+from structlog.testing import capture_logs
 
 from imud import client
 from imud.commands import reference
@@ -177,18 +178,18 @@ def test_a_reader_that_locks_the_file_does_not_keep_the_next_daemon_from_it(tmp_
         memory.close()
 
 
-def test_a_full_disk_is_no_defect_of_the_daemon(outputs, monkeypatch, capsys):
+def test_a_full_disk_is_no_defect_of_the_daemon(outputs, monkeypatch):
     outputs.publish(solutions(1, 3), 1, 3, 0)
     os.truncate(outputs.at / "m", 0)
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with monkeypatch.context() as disk:
+    with monkeypatch.context() as disk, capture_logs() as lines:
         disk.setattr(os, "pwrite", full)
         outputs.tick(time.monotonic_ns())
         outputs.tick(time.monotonic_ns())
-    assert "".join(capsys.readouterr()).count("cannot be written: No space left on device") == 1
+    assert [line["event"].partition(" cannot be ")[2] for line in lines] == ["written: No space left on device"]
     outputs.tick(time.monotonic_ns())
     assert client.latest(outputs.at / "m").seq == 3
 

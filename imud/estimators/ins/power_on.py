@@ -82,11 +82,14 @@ def reset_biases(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
-    """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment."""
+    """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment.
+
+    Under way the force may have as much of an acceleration as the vehicle has shown.
+    """
     x, y, z = body_to_ned(c, (c.imu.f[0], c.imu.f[1], c.imu.f[2]))
     tilt = elementary.atan2(elementary.hypot(x, y), -z)
     tilt2, force2 = tilt * tilt, p.tuning.power_on_force_sigma**2
-    accelerated2 = c.stationarity.level_accel2 / STANDARD_GRAVITY**2
+    accelerated2 = 0.0 if c.stationarity.at_rest else c.stationarity.level_accel2 / STANDARD_GRAVITY**2
     if tilt2 > p.tuning.power_on_tilt_gate * (
         variance(c, ATTITUDE) + variance(c, ATTITUDE + 1) + force2 + accelerated2
     ):

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -159,27 +160,27 @@ def test_the_level_is_that_of_the_processor(built):
     assert levels.level(ctypes.CDLL(str(built))) == expected
 
 
-def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
-    place = tmp_path / "kernels.so"
-    environment = {**os.environ, "IMUD_KERNELS": str(place)}
+@contextmanager
+def building(folder):
+    """A process that builds the library there, once it has written its C."""
+    environment = {**os.environ, "IMUD_KERNELS": str(folder / "kernels.so")}
     with subprocess.Popen([sys.executable, "-m", "imud", "warmup"], env=environment, cwd=ROOT) as process:
         deadline = time.monotonic() + 60.0
-        while not list(tmp_path.glob("*/*.c")):
+        while not list(folder.glob("*/*.c")):
             assert time.monotonic() < deadline
             time.sleep(0.02)
+        yield process
+
+
+def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
+    with building(tmp_path) as process:
         process.send_signal(signal.SIGTERM)
         assert process.wait(30.0) == 143
     assert not list(tmp_path.iterdir())
 
 
 def test_the_next_build_removes_what_a_killed_one_left_behind(built, tmp_path):
-    place = tmp_path / "kernels.so"
-    environment = {**os.environ, "IMUD_KERNELS": str(place)}
-    with subprocess.Popen([sys.executable, "-m", "imud", "warmup"], env=environment, cwd=ROOT) as process:
-        deadline = time.monotonic() + 60.0
-        while not list(tmp_path.glob("*/*.c")):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+    with building(tmp_path) as process:
         process.kill()
     assert list(tmp_path.glob("kernels-*"))
     (tmp_path / "kernels-of-somebody").touch()  # no folder of a build
@@ -190,6 +191,7 @@ from imud.compile import rebuild
 rebuild._in_a_process = lambda output: shutil.copy(sys.argv[2], output)
 print(rebuild.rebuild([Path(sys.argv[1])]))
 """
+    place = tmp_path / "kernels.so"
     assert run(str(place), str(built), code=code).stdout == f"{place}\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-of-somebody", "kernels.so"]
 

@@ -28,8 +28,9 @@ def main() -> int:
     """The `imud` command; returns the process's exit code (see `imud.errors`)."""
     terminated = _ended(sys.argv[1:])
 
-    def terminate(number: int, frame: FrameType | None) -> NoReturn:
-        raise SystemExit(terminated)
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        sys.unraisablehook = lambda _: None  # objects that the signal leaves half made: they cannot be deleted properly
+        raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(terminated)
 
     signal.signal(signal.SIGTERM, lambda number, frame: os._exit(terminated))
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(_INTERRUPTED))
@@ -38,8 +39,8 @@ def main() -> int:
     with imported_late(*_SELDOM_USED):
         from . import commands
 
-        signal.signal(signal.SIGTERM, terminate)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, end)
+        signal.signal(signal.SIGINT, end)
         return commands.main()
 
 

@@ -251,6 +251,40 @@ def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
     assert not (tmp_path / "gpsd.sock").exists()
 
 
+_HALF_MADE = """
+import contextlib, os, signal, sys
+import imud.__main__, imud.commands
+
+class HalfMade:
+    def __init__(self):
+        os.kill(os.getpid(), signal.{name})
+        self.handle = 1
+
+    def __del__(self):
+        print(self.handle)
+
+def command():
+    with contextlib.suppress(BaseException):
+        HalfMade()
+    return 5
+
+imud.commands.main = command
+sys.exit(imud.__main__.main())
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_what_a_signal_leaves_half_made_goes_without_a_word(name):
+    ended = subprocess.run(
+        [sys.executable, "-c", _HALF_MADE.format(name=name)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (5, "", "")
+
+
 def test_a_hang_up_that_nohup_had_ignored_ends_nothing(tmp_path):
     log = tmp_path / "log"
     command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))

@@ -32,8 +32,17 @@ MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
     align=True,
 )
 
-GNSS_FIX, HEADING_SOURCE, ODOMETER_SOURCE, BAROMETER_SOURCE = range(4)  # aiding sources
-POSE_SOURCE, VELOCITY_SOURCE, BODY_VELOCITY_SOURCE, MAGNETOMETER_SOURCE = range(4, 8)
+SOURCE_KINDS = 8  # number of the codes below; arrays by source have this length
+(
+    GNSS_FIX,
+    HEADING_SOURCE,
+    ODOMETER_SOURCE,
+    BAROMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+    BODY_VELOCITY_SOURCE,
+    MAGNETOMETER_SOURCE,
+) = range(SOURCE_KINDS)
 
 SOLUTION = np.dtype(
     [

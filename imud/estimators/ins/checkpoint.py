@@ -7,9 +7,10 @@ first sample after a gap begins the alignment's integrals and pairs anew. Of the
 import numpy as np
 
 from ...math.arrays import Records
+from ..records import SOURCE_KINDS
 from .aiding.records import SOURCE_AGE
 from .core import SNAPSHOT
-from .state import IMU_RING, SOURCE_KINDS
+from .state import IMU_RING
 
 _TIMES = ("last_epoch_ns", "last_time_offset", "last_fusion_ns")
 _KEPT = (*_TIMES, "source_ages")

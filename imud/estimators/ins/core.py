@@ -5,7 +5,7 @@ The records of aiding sources, alignment and integrity monitoring are in the fil
 
 import numpy as np
 
-from ..records import FIX, INNOVATION, MEASUREMENT
+from ..records import FIX, INNOVATION, MEASUREMENT, SOURCE_KINDS
 from .aiding.records import (
     BAROMETER,
     EXTERNAL_AID,
@@ -37,7 +37,6 @@ from .state import (
     LEARNING_STATES,
     PENDING_INNOVATIONS,
     SNAPSHOTS,
-    SOURCE_KINDS,
     STATES,
     STEP_INNOVATIONS,
 )

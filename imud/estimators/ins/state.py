@@ -46,6 +46,5 @@ BANKS = 32  # fixes of which the hypothesis bank is kept
 LEARNING_STATES = 9  # of which the sensitivity to the process noise is known: position, velocity, attitude
 EXPONENTIALS = 4  # remembered: decays of the receiver's two biases, process noise of velocity and attitude
 JACOBIAN_LENGTH = 13  # most nonzero elements of a row of H
-SOURCE_KINDS = 8  # codes of sources in `records`
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
 PENDING_INNOVATIONS = 1024  # kept until they are asked for

@@ -33,13 +33,13 @@ class ByteRoutes:
             for _, sensor in self._in_use.all():
                 sensor.byte_sink = None
         imu = self._in_use.imu
-        if imu and imu[0].line.plain and imu[1].byte_sink is None and not self._spares.sensors:
-            self._descriptors.attach(imu[0].fd, imu[1].stream, imu[1].stale_ns)
+        if imu and imu.port.line.plain and imu.sensor.byte_sink is None and not self._spares.sensors:
+            self._descriptors.attach(imu.port.fd, imu.sensor.stream, imu.sensor.stale_ns)
 
     def read_through_python(self) -> None:
         """Let Python read the inertial sensor: a recording or a comparison needs its data."""
         if self._in_use.imu:
-            self._descriptors.detach(self._in_use.imu[0].fd)
+            self._descriptors.detach(self._in_use.imu.port.fd)
 
     def _record_all(self) -> None:
         """Record what streams already: a recording has begun."""
@@ -59,7 +59,7 @@ class ByteRoutes:
     def record_clock(self, now_ns: int) -> None:
         """Record the fit of the inertial sensor's clock, if a recording is being made."""
         if self._recordings.current and (imu := self._in_use.imu):
-            self._recordings.current.record_clock(self._ports.index(imu[0]), imu[1], now_ns)
+            self._recordings.current.record_clock(self._ports.index(imu.port), imu.sensor, now_ns)
 
     def disconnected(self, port: Port) -> None:
         """A port streams no more: the recording says so, if the sensor on it was in use."""

@@ -30,7 +30,7 @@ from ..setup import choices
 from .byte_routes import ByteRoutes
 from .descriptors import Descriptors
 from .fast_loop import FastLoop
-from .in_use import SensorsInUse
+from .in_use import InUse, SensorsInUse
 from .ports import Configured, Port
 from .spares import OF_SPARES, Spares
 from .state_store import StateStore, calibration_of
@@ -88,9 +88,9 @@ class Devices:
         self._settings = settings
         for receiver in self.in_use.receivers():
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
-        if (imu := self.in_use.imu) and imu[0].configured:
-            own = choices.settings_for(settings, imu[0].configured.identity, self.ports.index(imu[0]))
-            imu[1].stream.filter.configure(own)
+        if (imu := self.in_use.imu) and imu.port.configured:
+            own = choices.settings_for(settings, imu.port.configured.identity, self.ports.index(imu.port))
+            imu.sensor.stream.filter.configure(own)
 
     @property
     def deadline_s(self) -> float:
@@ -116,15 +116,15 @@ class Devices:
         """Read a port that has bytes; returns the number of new solutions, and the new fixes."""
         port = self._descriptors[fd]
         try:
-            if self.in_use.imu and port is self.in_use.imu[0]:
-                n = self.in_use.imu[1].read(now_ns)
-                self.spares.add_samples(port, self.in_use.imu[1], n)
+            if self.in_use.imu and port is self.in_use.imu.port:
+                n = self.in_use.imu.sensor.read(now_ns)
+                self.spares.add_samples(port, self.in_use.imu.sensor, n)
                 return n, []
             if spare := self.spares.sensors.get(port):
                 self.spares.add_samples(port, spare, spare.read(now_ns))
                 return 0, []
-            if self.in_use.gnss and port is self.in_use.gnss[0]:
-                return 0, self.in_use.gnss[1].read(port.line, now_ns)
+            if self.in_use.gnss and port is self.in_use.gnss.port:
+                return 0, self.in_use.gnss.sensor.read(port.line, now_ns)
             if sensor := self.in_use.sensors.get(port):
                 sensor.read(port.line, now_ns)
                 return 0, []
@@ -159,16 +159,16 @@ class Devices:
                 port.lost("the device sends nothing more of use")
         for port in [port for port, sensor in self.in_use.sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
-        if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu[1])):
-            self.in_use.imu[0].lost(why)
+        if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):
+            self.in_use.imu.port.lost(why)
         if self.in_use.imu and self.spares.sensors:
             self._compare(*self.in_use.imu, now_ns)
         if self.corrections is not None:
-            self.corrections.forward(now_ns, self.in_use.gnss[0].forward if self.in_use.gnss else None)
+            self.corrections.forward(now_ns, self.in_use.gnss.port.forward if self.in_use.gnss else None)
         for port in self.ports:
             port.log_line_warning()
         self._routes.record_clock(now_ns)
-        if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
+        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
             port, sensor = self.in_use.imu
             self._store.save_when_due(configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
         return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
@@ -230,8 +230,9 @@ class Devices:
             }
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
-            self.in_use.gnss = (port, Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding))
-            self._routes.record(*self.in_use.gnss, now_ns)
+            receiver = Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding)
+            self.in_use.gnss = InUse(port, receiver)
+            self._routes.record(port, receiver, now_ns)
         self._closed_spares[driver.kind].discard(port)
         self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
@@ -263,7 +264,7 @@ class Devices:
                 raise
             port.reject(str(error))  # the daemon has run with another sensor, so it does not end because of this one
             return False
-        self.in_use.imu, self._routes.calibration = (port, inertial), known
+        self.in_use.imu, self._routes.calibration = InUse(port, inertial), known
         if stored.checkpoint and self.selection.resumed:
             self._log.info("the filter goes on where an earlier run of the daemon ended")
         self._routes.record(port, inertial, now_ns, stored)
@@ -291,10 +292,10 @@ class Devices:
         for kind, (held, _) in self.in_use.by_kind().items():
             if held is port:
                 self._schedule_spares(kind, time.monotonic() + _ABSENCE_S)
-        if self.in_use.imu and self.in_use.imu[0] is port:
+        if self.in_use.imu and self.in_use.imu.port is port:
             self.in_use.imu = None
-        if self.in_use.gnss and self.in_use.gnss[0] is port:
-            self._log.info("receiver ended", port=port.spec.path, **self.in_use.gnss[1].counters())
+        if self.in_use.gnss and self.in_use.gnss.port is port:
+            self._log.info("receiver ended", port=port.spec.path, **self.in_use.gnss.sensor.counters())
             self.in_use.gnss = None
         if sensor := self.in_use.sensors.pop(port, None):
             self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
@@ -311,7 +312,7 @@ class Devices:
 
     def close(self) -> None:
         """Close all ports."""
-        if self.in_use.imu and isinstance(configured := self.in_use.imu[0].configured, ImuConfigured):
+        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
             port, sensor = self.in_use.imu
             self._store.close(configured, port.spec.path, sensor, self.spares.to_store(port))
         for port in self.ports:

@@ -134,9 +134,9 @@ class Daemon:
         while self._exit is None:
             unpublished = self._run_until_event(min(self._tick_ns, flush_ns))
             now_ns = time.monotonic_ns()
-            if self._devices.in_use.imu:
+            if imu := self._devices.in_use.imu:
                 with self._errors.contain("the publishing of a solution"):
-                    self._on_event(self._devices.in_use.imu[0].fd, self._devices.in_use.imu[1], unpublished, now_ns)
+                    self._on_event(imu.port.fd, imu.sensor, unpublished, now_ns)
             for fd, mask in self._fast_loop.others.poll(0):
                 self._dispatch(fd, mask, now_ns)
             self._devices.on_time(now_ns * 1e-9)
@@ -148,7 +148,7 @@ class Daemon:
             if now_ns >= self._tick_ns or self._fast_loop.check_failed(now_ns):
                 self._tick_all(now_ns)
             gnss = self._devices.in_use.gnss
-            if not (gnss and gnss[1].decoder.pending):
+            if not (gnss and gnss.sensor.decoder.pending):
                 flush_ns = _NEVER_NS
             elif now_ns >= flush_ns or flush_ns == _NEVER_NS:
                 flush_ns = now_ns + _FLUSH_NS
@@ -182,7 +182,7 @@ class Daemon:
             n, fixes = self._devices.on_event(fd, now_ns)
             with self._errors.contain("the publishing of a solution"):
                 if n and self._devices.in_use.imu:
-                    self._publisher.on_solutions(self._devices.in_use.imu[1], n, now_ns)
+                    self._publisher.on_solutions(self._devices.in_use.imu.sensor, n, now_ns)
             with self._errors.contain("the use of a fix"):
                 self._publisher.on_fixes(fixes, self._settings.gnss.latency_s)
                 self._publisher.on_readings()
@@ -202,8 +202,8 @@ class Daemon:
         with self._errors.contain("the publishing of a solution"):
             if self._devices.in_use.imu is None:
                 self._publisher.publish_receiver(now_ns)
-            elif self._devices.in_use.imu[1].newest is not None:
-                self._publisher.publish(self._devices.in_use.imu[1], now_ns)
+            elif self._devices.in_use.imu.sensor.newest is not None:
+                self._publisher.publish(self._devices.in_use.imu.sensor, now_ns)
 
     def _tick_all(self, now_ns: int) -> None:
         """Do what is not urgent: unfinished epochs, silence, slow clients, the watchdog, lines for the log."""

@@ -33,7 +33,7 @@ class Publisher:
 
     def max_batch(self) -> int:
         """The largest batch of solutions that the fast loop publishes by itself, without calling `on_solutions`."""
-        return self.load.max_batch(self._devices.in_use.imu[1].period_s) if self._devices.in_use.imu else 0
+        return self.load.max_batch(self._devices.in_use.imu.sensor.period_s) if self._devices.in_use.imu else 0
 
     def on_solutions(self, inertial: Inertial, n: int, now_ns: int) -> None:
         """The stream has n new solutions: record and publish them. Messages, which take longer, wait in an overload."""
@@ -49,7 +49,7 @@ class Publisher:
     def on_fixes(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""
         if fixes and self._devices.in_use.gnss:
-            self._outputs.publish_fix(self._devices.in_use.gnss[1].used_last, latency_s)
+            self._outputs.publish_fix(self._devices.in_use.gnss.sensor.used_last, latency_s)
         if (inertial := self._devices.selection.inertial) is None:
             return
         for fix in fixes:
@@ -75,7 +75,7 @@ class Publisher:
     def tick(self, latency_s: float, now_ns: int) -> None:
         """Handle fixes whose epoch ended by silence, innovations without a fix, and what is recorded once a second."""
         if self._devices.in_use.gnss:
-            self.on_fixes(self._devices.in_use.gnss[1].flush(now_ns), latency_s)
+            self.on_fixes(self._devices.in_use.gnss.sensor.flush(now_ns), latency_s)
             self.on_readings()
         if (inertial := self._devices.selection.inertial) is None:
             return
@@ -99,7 +99,7 @@ class Publisher:
         view = View(devices=self._devices.described, health=self._health(now_ns))
         if self._devices.in_use.gnss is None:
             return view
-        receiver = self._devices.in_use.gnss[1]
+        receiver = self._devices.in_use.gnss.sensor
         view = view._replace(gnss=receiver.view(now_ns))
         if (fix := receiver.fresh(now_ns)) is None:
             return view
@@ -119,7 +119,7 @@ class Publisher:
             seq=inertial.samples,
             estimator=self._devices.selection.estimator.name,
             devices=self._devices.described,
-            gnss=self._devices.in_use.gnss[1].view(now_ns) if self._devices.in_use.gnss else None,
+            gnss=self._devices.in_use.gnss.sensor.view(now_ns) if self._devices.in_use.gnss else None,
             temperature=float(inertial.stream.samples[0]["temperature"]),
             sensed=inertial.sensed,
             health=self._health(now_ns),

@@ -50,9 +50,9 @@ class StatusReporter:
         status = 0 if newest is None else int(newest["status"])
         if self._change_logger.status(status, now_ns) & ATTITUDE_VALID:
             self._warn_if_upside_down()
-        if self._devices.in_use.gnss and (message := self._devices.in_use.gnss[1].message):
+        if self._devices.in_use.gnss and (message := self._devices.in_use.gnss.sensor.message):
             self._log.warning(message)
-            self._devices.in_use.gnss[1].message = ""
+            self._devices.in_use.gnss.sensor.message = ""
         self._check_all(now_ns)
         for text in load.messages(inertial.lost if inertial else 0, gap_ns, now_ns):
             self._log.warning(text)
@@ -75,7 +75,7 @@ class StatusReporter:
 
     def _beyond_limits(self, now_ns: int) -> tuple[str, ...]:
         imu, gnss = self._devices.in_use.imu, self._devices.in_use.gnss
-        return (*(imu[1].out_of_limits() if imu else ()), *(gnss[1].out_of_limits(now_ns) if gnss else ()))
+        return (*(imu.sensor.out_of_limits() if imu else ()), *(gnss.sensor.out_of_limits(now_ns) if gnss else ()))
 
     def _warn_if_upside_down(self) -> None:
         """Warn of a sensor that seems upside down: perhaps its axes are not FRD, which its protocol does not say."""
@@ -88,7 +88,7 @@ class StatusReporter:
         if now_ns - self._checked_ns >= _FRESH_NS:
             self._check_all(now_ns)
         imu = self._devices.in_use.imu
-        clock = imu[1].clock_fit() if imu else ClockFit()
+        clock = imu.sensor.clock_fit() if imu else ClockFit()
         return Health(**self._faults, clock=clock, out_of_limits=self._out_of_limits)
 
     def _aiding_table(self, publisher: Publisher, aiding: "AidingInput | None", now_ns: int) -> dict[str, Any]:

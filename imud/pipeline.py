@@ -26,8 +26,9 @@ from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
 from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest
 
-UNREAD, OF_ONE = 1024, 16  # innovations, at most: of samples since `pending_innovations` was last called; of one fix
-_NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NOWHERE, _AT_ONCE = (
+PENDING_MAX = 1024  # innovations of samples between two calls of `pending_innovations`, at most
+PER_MEASUREMENT_MAX = 16  # innovations of one fix or measurement, at most
+_NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NO_INDEX, _BEFORE_FIRST = (
     np.zeros(n, kind)
     for n, kind in ((0, SAMPLE), (0, SOLUTION), (0, FIX), (0, MEASUREMENT), (0, np.int64), (1, np.int64))
 )
@@ -44,9 +45,9 @@ class Stored:
 NOTHING_STORED = Stored()
 
 
-def room_for(taken: int) -> Records:
-    """Room for the innovations that `Filter.feed` makes of so many fixes and measurements."""
-    return np.zeros(UNREAD + OF_ONE * taken, INNOVATION)
+def innovation_buffer(count: int) -> Records:
+    """Rows (INNOVATION) for what `Filter.feed` makes of `count` fixes and measurements."""
+    return np.zeros(PENDING_MAX + PER_MEASUREMENT_MAX * count, INNOVATION)
 
 
 @functools.lru_cache(maxsize=4)
@@ -71,7 +72,7 @@ class Filter:
         self._profile, self._given_ranges = profile_of(settings), ranges_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
-        self._innovations = room_for(1)
+        self._innovations = innovation_buffer(1)
 
     def _keep_beginning(self) -> None:
         """Of a filter whose run can be repeated with a record of its errors: the state before the first sample."""
@@ -142,17 +143,17 @@ class Filter:
         samples: Records,
         out: Records,
         fixes: Records,
-        places: Records,
+        fix_before: Records,
         innovations: Records,
         measurements: Records = _NO_MEASUREMENT,
-        aided: Records = _NOWHERE,
+        measurement_before: Records = _NO_INDEX,
     ) -> Records:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION).
 
-        Fix i of `fixes` (FIX) goes in before sample places[i] (int64, ascending), measurement i of `measurements`
-        (MEASUREMENT) before sample aided[i] and before the fixes of that place; where it is `needing_place` aided[i] is
-        0. Fills `innovations`, which must have `room_for` them: for each those pending until then, and its own. Returns
-        the filled part. Raises as `aid`.
+        Fix i of `fixes` (FIX) is fused before sample fix_before[i] (int64, ascending), measurement i of `measurements`
+        (MEASUREMENT) before sample measurement_before[i], and before the fixes there; one that is `needing_place` must
+        be before sample 0. Fills `innovations`, an `innovation_buffer`: for each those pending until then, and its own.
+        Returns the filled part. Raises as `aid`.
         """
         if len(measurements):
             measurements = self._prepared(measurements)
@@ -164,22 +165,22 @@ class Filter:
             self.state,
             out,
             fixes,
-            places,
+            fix_before,
             measurements,
-            aided,
+            measurement_before,
             innovations,
         )
         return innovations[:n]
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
-        self.feed(samples, out, _NO_FIX, _AT_ONCE, self._innovations)
+        self.feed(samples, out, _NO_FIX, _BEFORE_FIRST, self._innovations)
 
     def update(self, fix: Records) -> Records:
         """Take a fix (array of one FIX); returns those pending until then and its own, valid until the next call."""
         if self.estimator.update is None:
             return self.pending_innovations()
-        return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _AT_ONCE, self._innovations)
+        return self.feed(_NO_SAMPLE, _NO_SOLUTION, fix, _BEFORE_FIRST, self._innovations)
 
     def aid(self, measurements: Records) -> Records:
         """Take measurements (MEASUREMENT) of aiding sources; returns their innovations, valid until the next call.
@@ -187,9 +188,9 @@ class Filter:
         Readings of a magnetometer that is used get the earth's field written to them, once the place is known. Raises
         ValueError when the estimator takes none, UsageError without the package that has the model of that field.
         """
-        measurements, room = self._prepared(measurements), room_for(len(measurements))
+        measurements, innovations = self._prepared(measurements), innovation_buffer(len(measurements))
         assert self.stages.aid is not None, "_prepared raises"
-        return room[: self.stages.aid(self.parameters, self.state, measurements, room)]
+        return innovations[: self.stages.aid(self.parameters, self.state, measurements, innovations)]
 
     def needing_place(self, measurements: Records) -> Any:
         """Mask of the measurements that are prepared from the place estimated when they come."""
@@ -256,7 +257,7 @@ class InertialPipeline:
         self.record = np.zeros(1, INERTIAL_PIPELINE)
         self.record["decode"], self.record["advance"] = decoding(driver, decoder), filter_.advancing()
         self.record["at"], self.record["newest"] = self.record.ctypes.data, -1
-        for owner, names in ((self, _OURS), (filter_, _THE_FILTERS)):
+        for owner, names in ((self, _OWN_RECORDS), (filter_, _FILTER_RECORDS)):
             for name in names:
                 self.record[name] = getattr(owner, name).ctypes.data
 
@@ -280,5 +281,5 @@ class InertialPipeline:
         return ingest(self.record, received, arrival_ns)
 
 
-_OURS = ("rx", "decoder", "samples", "clock", "solutions")
-_THE_FILTERS = ("health", "correction", "parameters", "state")
+_OWN_RECORDS = ("rx", "decoder", "samples", "clock", "solutions")
+_FILTER_RECORDS = ("health", "correction", "parameters", "state")

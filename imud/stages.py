@@ -1,7 +1,7 @@
 """The two halves of the way from bytes to solutions, as templates: the driver's decoder; then clock, health, estimator.
 
 Each is composed with every driver and every estimator that is used; `ingest` calls the halves by their addresses in the
-stream's record. So drivers plus estimators are compiled, not drivers times estimators.
+pipeline's record. So drivers plus estimators are compiled, not drivers times estimators.
 """
 
 import functools
@@ -53,11 +53,21 @@ INERTIAL_PIPELINE = np.dtype(
     align=True,
 )
 
+READ_CURSOR = np.dtype(  # how far `ingest_reads` has come
+    [
+        ("read", "<i8"),  # the next read,
+        ("byte", "<i8"),  # and the index of its first byte
+        ("end", "<i8"),  # the read before which the run ends
+        ("filled", "<i8"),  # rows of samples and solutions
+    ],
+    align=True,
+)
+
 
 @entry
-def ingest(stream: Records, received: int, arrival_ns: int) -> int:
+def ingest(pipeline: Records, received: int, arrival_ns: int) -> int:
     """Decode, stamp and step what was written to rx[fill:fill + received]; returns how many solutions are new."""
-    s = stream[0]
+    s = pipeline[0]
     n = call(s.decode, (s.at, received))
     if n:
         call(s.advance, (s.at, n, arrival_ns))
@@ -69,28 +79,28 @@ def ingest(stream: Records, received: int, arrival_ns: int) -> int:
 
 @entry
 def ingest_reads(
-    stream: Records, data: Integers, size: Integers, t_ns: Integers, place: Integers, samples: Records, out: Records
+    pipeline: Records, data: Integers, size: Integers, t_ns: Integers, cursor: Records, samples: Records, out: Records
 ) -> int:
     """`ingest` recorded reads: their bytes one behind the other, how many each has, and when it came.
 
-    place: the next read and its first byte, which advance; the read before which it ends; how many rows of `samples`
-    and `out` are filled. Ends earlier where these have no more room. Returns the number of reads done.
+    cursor: array of one READ_CURSOR, which advances. Ends earlier where `samples` and `out` have no more room. Returns
+    the number of reads done.
     """
-    s = stream[0]
+    s, c = pipeline[0], cursor[0]
     rx = records(s.rx, RX, BYTE)
     new_samples, solutions = records(s.samples, BATCH, SAMPLE), records(s.solutions, BATCH, SOLUTION)
     done = 0
-    while place[0] < place[2] and place[3] + BATCH <= len(out):
-        received = size[place[0]]
+    while c.read < c.end and c.filled + BATCH <= len(out):
+        received = size[c.read]
         for k in range(received):
-            rx[s.fill + k] = data[place[1] + k]
-        n = ingest(stream, received, t_ns[place[0]])
+            rx[s.fill + k] = data[c.byte + k]
+        n = ingest(pipeline, received, t_ns[c.read])
         for k in range(n):
-            samples[place[3] + k] = new_samples[k]
-            out[place[3] + k] = solutions[k]
-        place[0] += 1
-        place[1] += received
-        place[3] += n
+            samples[c.filled + k] = new_samples[k]
+            out[c.filled + k] = solutions[k]
+        c.read += 1
+        c.byte += received
+        c.filled += n
         done += 1
     return done
 
@@ -123,15 +133,15 @@ def add_mounting(sample: Any, errors: Any, solution: Any) -> None:
 def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
     """A driver's half of `ingest`. decoder: of its state."""
 
-    def decode_stream(stream: int, received: int) -> int:
-        s = records(stream, 1, INERTIAL_PIPELINE)[0]
+    def decode_received(pipeline: int, received: int) -> int:
+        s = records(pipeline, 1, INERTIAL_PIPELINE)[0]
         state = records(s.decoder, 1, decoder)
         n: int = decode(records(s.rx, RX, BYTE), s.fill + received, state, records(s.samples, BATCH, SAMPLE))
         s.fill = state[0].leftover
         return n
 
-    set_unique_name(decode_stream, decode, decoder)
-    return entry(decode_stream)
+    set_unique_name(decode_received, decode, decoder)
+    return entry(decode_received)
 
 
 @functools.cache
@@ -157,8 +167,8 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
     """An estimator's half of `ingest`. parameters, state: of its records."""
     step_batch = _stepper(step)
 
-    def advance_stream(stream: int, n: int, arrival_ns: int) -> int:
-        s = records(stream, 1, INERTIAL_PIPELINE)[0]
+    def advance_pipeline(pipeline: int, n: int, arrival_ns: int) -> int:
+        s = records(pipeline, 1, INERTIAL_PIPELINE)[0]
         samples = records(s.samples, BATCH, SAMPLE)
         samples[0].flags |= s.first_flags
         s.first_flags = 0
@@ -175,8 +185,8 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
         )
         return n
 
-    set_unique_name(advance_stream, step, parameters, state)
-    return entry(advance_stream)
+    set_unique_name(advance_pipeline, step, parameters, state)
+    return entry(advance_pipeline)
 
 
 @functools.cache
@@ -191,18 +201,18 @@ def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kerne
         s: Any,
         out: Any,
         fixes: Any,
-        places: Any,
+        fix_before: Any,
         measurements: Any,
-        aided: Any,
+        measurement_before: Any,
         innovations: Any,
     ) -> int:
         n = fixed = fused = 0
         for k in range(len(samples) + 1):
-            while fused < len(measurements) and aided[fused] <= k:
+            while fused < len(measurements) and measurement_before[fused] <= k:
                 n += pending(s[0], innovations[n:])
                 n += aid(p[0], s[0], measurements[fused], innovations[n:])
                 fused += 1
-            while fixed < len(fixes) and places[fixed] <= k:
+            while fixed < len(fixes) and fix_before[fixed] <= k:
                 n += pending(s[0], innovations[n:])
                 n += update(p[0], s[0], fixes[fixed], innovations[n:])
                 fixed += 1

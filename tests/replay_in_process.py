@@ -36,7 +36,13 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
     solutions: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
     order = np.argsort(fixes["arrival_ns"], kind="stable")
-    play(filter_, samples.copy(), fixes[order], lambda rows: solutions.append(rows.copy()), note=innovations.append)
+    play(
+        filter_,
+        samples.copy(),
+        fixes[order],
+        lambda rows: solutions.append(rows.copy()),
+        on_innovations=innovations.append,
+    )
     return np.concatenate(solutions), np.concatenate(innovations)
 
 

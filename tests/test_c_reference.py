@@ -7,7 +7,7 @@ import pytest
 
 from imud.batch import play
 from imud.commands.bench import reference, signals
-from imud.commands.bench.throughput import CReplay, new_stream
+from imud.commands.bench.throughput import CReplay, new_pipeline
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
@@ -63,27 +63,27 @@ def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
     frames = signals.frames(SECONDS * signals.RATE_HZ)
     wire = frames.tobytes()
     wire = np.frombuffer(wire[:5000] + b"junk\r" + wire[5000:90_000] + wire[91_001:], np.uint8).copy()
-    stream = new_stream("attitude")
-    text, memory = reference.stream_source(stream)
+    pipeline = new_pipeline("attitude")
+    text, memory = reference.pipeline_source(pipeline)
     export = "void *decoder(void) { return DECODER; }\nvoid *solutions(void) { return SOLUTIONS; }\n"
     (tmp_path / "main.c").write_text((reference.SOURCES / "replay.c").read_text() + export)
     library = reference.build(text, tmp_path, tmp_path / "main.c")
     for chunk in (7, 22, 1000):
         begin = ctypes.c_char_p(memory)
         theirs = reference.call(library.replay, reference.pointer(wire), len(wire), chunk, 45_454, begin)
-        stream = new_stream("attitude")
+        pipeline = new_pipeline("attitude")
         total = 0
         for at in range(0, len(wire), chunk):
             part = wire[at : at + chunk]
-            stream.rx[stream.fill : stream.fill + len(part)] = part
-            n = stream.ingest(len(part), (at + len(part)) * 45_454)
+            pipeline.rx[pipeline.fill : pipeline.fill + len(part)] = part
+            n = pipeline.ingest(len(part), (at + len(part)) * 45_454)
             total += n
         assert theirs == total > 0.98 * len(frames)
-        assert_same(stream.solutions[:n], content(library.solutions, stream.solutions)[:n])
-        in_c = content(library.decoder, stream.decoder)
+        assert_same(pipeline.solutions[:n], content(library.solutions, pipeline.solutions)[:n])
+        in_c = content(library.decoder, pipeline.decoder)
         for counter in ("frames", "junk", "bad", "lost", "suspect", "errors"):
-            assert in_c[counter] == stream.decoder[counter], counter
-        assert stream.decoder["lost"][0] > 0
+            assert in_c[counter] == pipeline.decoder[counter], counter
+        assert pipeline.decoder["lost"][0] > 0
 
 
 def test_an_installed_imud_reports_that_there_is_no_c_to_compare_with(monkeypatch, tmp_path):

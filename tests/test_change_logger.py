@@ -65,8 +65,8 @@ def inertial(driver, **known):
 
 
 def receive_from(sensor, data, now_ns):
-    sensor.stream.rx[sensor.stream.fill : sensor.stream.fill + len(data)] = np.frombuffer(data, np.uint8)
-    sensor.stream.ingest(len(data), now_ns)
+    sensor.pipeline.rx[sensor.pipeline.fill : sensor.pipeline.fill + len(data)] = np.frombuffer(data, np.uint8)
+    sensor.pipeline.ingest(len(data), now_ns)
 
 
 def test_fault_bits_of_a_dmu_are_reported_as_text():

@@ -282,8 +282,8 @@ def test_all_kernels_of_imud_have_a_translation():
     text = source(with_lines=False)
     for name in (
         "feed_imud_estimators",
-        "advance_stream",
-        "decode_stream_imud_drivers_epson",
+        "advance_pipeline",
+        "decode_received_imud_drivers_epson",
         "stages_ingest",
         "fast_loop_run_until_event",
     ):

@@ -16,6 +16,6 @@ def test_the_numbering_continues_with_another_sensor():
         sensor = selection.connect(None, driver, configured, Calibration(serial), Settings(), 0)
         assert sensor.samples == before
         lines = b"\n" + b"0512 0512 0717\n" * 7
-        sensor.stream.rx[: len(lines)] = bytearray(lines)
-        sensor.stream.ingest(len(lines), 0)
+        sensor.pipeline.rx[: len(lines)] = bytearray(lines)
+        sensor.pipeline.ingest(len(lines), 0)
     assert sensor.samples == 21

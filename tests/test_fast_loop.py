@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from imud import client
 from imud.commands.bench import signals
-from imud.commands.bench.throughput import new_stream
+from imud.commands.bench.throughput import new_pipeline
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
@@ -53,8 +53,8 @@ class Rig:
         self.reader, self.writer = os.pipe()
         os.set_blocking(self.reader, False)
         stack.callback(os.close, self.reader)
-        self.stream = new_stream("attitude")
-        self.fast_loop.attach(self.reader, self.stream, STALE_NS)
+        self.pipeline = new_pipeline("attitude")
+        self.fast_loop.attach(self.reader, self.pipeline, STALE_NS)
         self.fast_loop.note(time.monotonic_ns())
         self._at = 0
 
@@ -77,7 +77,7 @@ class Rig:
 
     @property
     def samples(self):
-        return int(self.stream.record["count"][0])
+        return int(self.pipeline.record["count"][0])
 
 
 def test_what_comes_is_published_and_python_is_not_returned_to(rig):
@@ -98,14 +98,16 @@ def test_what_comes_is_published_and_python_is_not_returned_to(rig):
 
 
 def test_solutions_are_those_of_the_same_bytes_given_by_python(rig):
-    other = new_stream("attitude")
+    other = new_pipeline("attitude")
     for at in range(0, 22_000, 50):
         rig.write(WIRE[at : at + 50])
         assert rig.turn(for_ns=0) == 0
-        last_ns = int(rig.stream.record["last_data_ns"][0])  # of the reading that completed a frame, as each does here
+        last_ns = int(
+            rig.pipeline.record["last_data_ns"][0]
+        )  # of the reading that completed a frame, as each does here
         other.rx[other.fill : other.fill + 50] = np.frombuffer(WIRE[at : at + 50], np.uint8)
         n = other.ingest(50, last_ns)
-        assert rig.stream.solutions[:n].tobytes() == other.solutions[:n].tobytes()
+        assert rig.pipeline.solutions[:n].tobytes() == other.solutions[:n].tobytes()
         for _ in range(n):
             state = next(rig.states)
         assert (state.seq, state.t_ns) == (rig.samples, int(other.solutions[n - 1]["t_ns"]))
@@ -122,7 +124,7 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
         now_ns += 7
         return 22
 
-    def ingest(stream, received, arrival_ns):
+    def ingest(pipeline, received, arrival_ns):
         arrivals.append(arrival_ns)
         return 1
 
@@ -130,21 +132,21 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
     for name, fake in fakes.items():
         monkeypatch.setattr(f"imud.daemon.fast_loop.{name}", fake)
     fast_loop = SimpleNamespace(fd=0, revents=1, poll_address=0, time_address=0, timeout_address=0, check_ns=NEVER_NS)
-    stream = SimpleNamespace(rx=0, fill=0)
-    assert interpreted(_run_until_event)([fast_loop], [stream], None, NEVER_NS, NEVER_NS, 0) == 1
+    pipeline = SimpleNamespace(rx=0, fill=0)
+    assert interpreted(_run_until_event)([fast_loop], [pipeline], None, NEVER_NS, NEVER_NS, 0) == 1
     assert arrivals == [7]
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=30))
 def test_any_chunks_give_every_sample_once(chunks):
-    stream = new_stream("attitude")
+    pipeline = new_pipeline("attitude")
     with (
         contextlib.closing(FastLoop()) as fast_loop,
         contextlib.closing(BinaryOutputs(Settings(), fast_loop.others, 256)) as none,
     ):
         reader, writer = os.pipe()
-        fast_loop.attach(reader, stream, STALE_NS)
+        fast_loop.attach(reader, pipeline, STALE_NS)
         at = 0
         for size in chunks:
             os.write(writer, WIRE[at : at + size])
@@ -152,9 +154,9 @@ def test_any_chunks_give_every_sample_once(chunks):
             at += size
         os.close(reader)
         os.close(writer)
-    assert stream.record["count"][0] == (at // 22 if at >= 44 else 0)
-    assert stream.decoder["lost"][0] == 0
-    assert stream.decoder["junk"][0] == 0 or at < 44  # a frame alone may be junk
+    assert pipeline.record["count"][0] == (at // 22 if at >= 44 else 0)
+    assert pipeline.decoder["lost"][0] == 0
+    assert pipeline.decoder["junk"][0] == 0 or at < 44  # a frame alone may be junk
 
 
 def test_a_late_batch_is_left_to_be_judged(rig):
@@ -233,7 +235,7 @@ def test_python_gets_a_changed_status_at_the_next_check_and_once(rig):
     rig.begin()
     now_ns = time.monotonic_ns()
     rig.fast_loop.note(now_ns)
-    rig.stream.solutions["status"] ^= ATTITUDE_VALID
+    rig.pipeline.solutions["status"] ^= ATTITUDE_VALID
     assert rig.turn(for_ns=LONG_NS) == 0
     later_ns = time.monotonic_ns()
     assert now_ns + CHECK_NS <= later_ns < now_ns + LONG_NS
@@ -248,17 +250,17 @@ def test_bits_that_are_not_watched_do_not_return_to_python(rig):
     rig.begin()
     begin_ns = time.monotonic_ns()
     rig.fast_loop.note(begin_ns)
-    rig.stream.solutions["status"] ^= AT_REST
+    rig.pipeline.solutions["status"] ^= AT_REST
     rig.turn(for_ns=3 * CHECK_NS)
     assert time.monotonic_ns() >= begin_ns + 3 * CHECK_NS
 
 
 def test_python_gets_a_silent_sensor(rig):
     rig.fast_loop.detach()
-    rig.fast_loop.attach(rig.reader, rig.stream, stale_ns=2 * CHECK_NS)
+    rig.fast_loop.attach(rig.reader, rig.pipeline, stale_ns=2 * CHECK_NS)
     rig.begin()
     rig.fast_loop.note(time.monotonic_ns())
-    begin_ns = int(rig.stream.record["last_data_ns"][0])
+    begin_ns = int(rig.pipeline.record["last_data_ns"][0])
     assert rig.turn(for_ns=LONG_NS) == 0
     assert begin_ns + 2 * CHECK_NS < time.monotonic_ns() < begin_ns + LONG_NS
 
@@ -277,19 +279,19 @@ def test_python_gets_a_time_in_which_the_process_stood_still(rig):
 def test_the_densest_stream_does_not_pile_up_in_the_buffer(frame):
     configured = ImuConfigured(Identity("seraccel", ""), 100.0, 10_000_000, 0, 0)
     driver, standard = by_name("seraccel"), Settings()
-    stream = InertialPipeline(
+    pipeline = InertialPipeline(
         driver, driver.new_state(configured), Filter(registry.by_name("tilt"), standard, Initial(), 100.0)
     )
-    stream.restart(driver.new_state(configured), configured, first_flags=0)
+    pipeline.restart(driver.new_state(configured), configured, first_flags=0)
     whole = frame * (20 * READ_BYTES // len(frame))
     ours, device = os.pipe()
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(standard, fast_loop.others, BATCH)
-        fast_loop.attach(ours, stream, STALE_NS)
+        fast_loop.attach(ours, pipeline, STALE_NS)
         for at in range(0, len(whole), READ_BYTES):
             os.write(device, whole[at : at + READ_BYTES])
             fast_loop.run_until_event(0, outputs, NEVER_NS, BATCH)
-            assert stream.fill <= PARTIAL
+            assert pipeline.fill <= PARTIAL
     os.close(ours)
     os.close(device)
-    assert int(stream.record["count"][0]) == pytest.approx(len(whole) // len(frame), abs=1)
+    assert int(pipeline.record["count"][0]) == pytest.approx(len(whole) // len(frame), abs=1)

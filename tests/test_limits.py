@@ -52,8 +52,8 @@ def test_a_quartz_that_drifts_is_not_called_well(ppm, has_quartz, reported):
     sensor.connect(SimpleNamespace(counters={}), driver, configured, 0)
     for k in range(3000):
         data, arrival_ns = packet(STILL, clock=-12_658 * k), round(12_658 * 790 * k * (1.0 + 1e-6 * ppm))
-        sensor.stream.rx[: len(data)] = np.frombuffer(data, np.uint8)
-        sensor.stream.ingest(len(data), arrival_ns)
+        sensor.pipeline.rx[: len(data)] = np.frombuffer(data, np.uint8)
+        sensor.pipeline.ingest(len(data), arrival_ns)
     assert sensor.properties(arrival_ns)["clock"]["drift_ppm"] == pytest.approx(ppm, abs=5.0)
     assert [text for text in sensor.faults(arrival_ns) if "more than 500 ppm" in text] == sensor_faults(reported)
     assert sensor.properties(arrival_ns)["out_of_limits"] == ("clock_drift_ppm" if reported else None)

@@ -10,7 +10,7 @@ from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import HEADING, HEADING_SOURCE, HEADING_VALID, MEASUREMENT, SOLUTION
-from imud.pipeline import Filter, room_for
+from imud.pipeline import Filter, innovation_buffer
 
 SIGMA = np.radians(0.3)
 OF_FIXES_AND_SAMPLES = ("north", "east", "down", "v_north", "v_east", "v_down", "nhc_lateral", "nhc_vertical")
@@ -43,7 +43,9 @@ def live(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a fro
     for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
         innovations.append(filter_.aid(measurements[aided == start]).copy())
         due = slice(*np.searchsorted(places, [start, stop]))
-        filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room_for(len(fixes[due])))
+        filter_.feed(
+            samples[start:stop], out[start:stop], fixes[due], places[due] - start, innovation_buffer(len(fixes[due]))
+        )
     return out, np.concatenate(innovations)
 
 

@@ -8,7 +8,7 @@ from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import INNOVATION, NHC_LATERAL, NHC_VERTICAL, REST_D, REST_N, REST_X, REST_Z, SOLUTION
-from imud.pipeline import UNREAD, Filter
+from imud.pipeline import PENDING_MAX, Filter
 
 RATE = 100
 REST_S, SKID_S = 10.0, (80.0, 83.0)
@@ -78,6 +78,6 @@ def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
     samples["t_ns"] = 10**11 + 10**7 * np.arange(len(samples))
     filter_.run(samples, np.zeros(len(samples), SOLUTION))
     kept = filter_.pending_innovations().copy()
-    assert len(kept) == UNREAD
+    assert len(kept) == PENDING_MAX
     assert (np.diff(kept["t_ns"]) >= 0).all()
     assert not len(filter_.pending_innovations())

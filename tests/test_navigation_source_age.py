@@ -12,7 +12,7 @@ from imud.configuration.settings import Initial, Settings
 from imud.daemon.status_tables import add_estimates
 from imud.estimators import registry
 from imud.estimators.records import ODOMETER_SOURCE, SOLUTION
-from imud.pipeline import Filter, room_for
+from imud.pipeline import Filter, innovation_buffer
 from imud.smoothing.two_filter import Forward, smooth
 
 
@@ -27,7 +27,9 @@ def ages(drive_, samples, fixes, rows, end_s):
     for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
         filter_.aid(rows[aided == start])
         due = slice(*np.searchsorted(places, [start, stop]))
-        filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room_for(len(fixes[due])))
+        filter_.feed(
+            samples[start:stop], out[start:stop], fixes[due], places[due] - start, innovation_buffer(len(fixes[due]))
+        )
         learned = filter_.state["source_ages"][0][rows["kind"][0]]
         found.append((start / 100.0, learned["age"], np.sqrt(learned["variance"])))
     return out, np.array(found), filter_

@@ -202,7 +202,7 @@ def test_residuals_are_written_as_innovations():
     samples = m_g350(np.random.default_rng(6), np.arange(1001) / 100.0, *level_at_rest(1001))
     filter_ = Filter(registry.by_name("stationary"), SETTINGS, LEVEL, 100.0)
     noted = []
-    play(filter_, samples, np.zeros(0, FIX), lambda solutions: None, note=noted.append)
+    play(filter_, samples, np.zeros(0, FIX), lambda solutions: None, on_innovations=noted.append)
     noted = np.concatenate(noted)
     assert [list(noted["kind"]).count(kind) for kind in (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)] == [10] * 3
     along_x = noted[noted["kind"] == REST_POSITION_X]

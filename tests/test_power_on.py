@@ -159,8 +159,8 @@ def test_a_spare_has_a_mounting_of_its_own(name):
     ):
         configured = ImuConfigured(Identity("seraccel", "", serial), 100.0, 10_000_000, 0, 0)
         sensor = selection.connect(None, driver, configured, Calibration(serial), chosen, 0, port)
-        sensor.stream.rx[: len(lines)] = bytearray(lines)
-        sensor.stream.ingest(len(lines), 0)
+        sensor.pipeline.rx[: len(lines)] = bytearray(lines)
+        sensor.pipeline.ingest(len(lines), 0)
         tilts.append(sensor.newest["q_nb"].copy())
     assert np.allclose(*np.abs(tilts), atol=1e-3)
 
@@ -175,15 +175,15 @@ def connect():
         configured = ImuConfigured(identity, 100.0, 10_000_000, 0, 0, still_powered=still_powered)
         at_ns = round(at_s * 1e9)
         sensor = selection.connect(None, driver, configured, Calibration(serial), Settings(), at_ns, port)
-        sensor.stream.rx[: len(LINES)] = bytearray(LINES)
-        sensor.stream.ingest(len(LINES), at_ns)
+        sensor.pipeline.rx[: len(LINES)] = bytearray(LINES)
+        sensor.pipeline.ingest(len(LINES), at_ns)
         return sensor
 
     return connect
 
 
 def test_the_first_sample_of_each_later_connection_may_follow_a_power_on(connect):
-    flags = [connect("1", at_s=at_s).stream.samples["flags"][:3].tolist() for at_s in (0.0, 3.0, 6.0)]
+    flags = [connect("1", at_s=at_s).pipeline.samples["flags"][:3].tolist() for at_s in (0.0, 3.0, 6.0)]
     assert flags == [[0, 0, 0], [POWER_ON, 0, 0], [POWER_ON, 0, 0]]
 
 
@@ -191,7 +191,7 @@ def test_the_first_sample_of_each_later_connection_may_follow_a_power_on(connect
 def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_serial_number_is_the_same(connect, serial, flags):
     connect(serial)
     sensor = connect(serial, at_s=3.0, still_powered=True)
-    assert sensor.stream.samples["flags"][0] == flags
+    assert sensor.pipeline.samples["flags"][0] == flags
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_sensor_that_was_not_switched_off_keeps_its_biases_if_its_serial_numbe
 def test_a_filter_continues_with_the_same_sensor_only_and_not_after_long(connect, before, then, goes_on):
     first = connect(*before)
     second = connect(*then)
-    assert (second.stream.filter is first.stream.filter) == goes_on
+    assert (second.pipeline.filter is first.pipeline.filter) == goes_on
     assert np.isclose(first.newest["q_nb"][3], np.sqrt(0.5))
     if not goes_on:
         assert abs(second.newest["q_nb"][3]) < 0.01  # the initial heading was that of the start

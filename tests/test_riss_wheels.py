@@ -55,7 +55,7 @@ def driven(seed, outage=(150.0, 180.0), seconds=190.0, change=None, with_wheels=
         change(aiding)
     filter_ = Filter(registry.by_name("riss"), SETTINGS, Initial(), RATE_HZ)
     out, noted = [], []
-    play(filter_, samples, fixes, lambda rows: out.append(rows.copy()), note=noted.append,
+    play(filter_, samples, fixes, lambda rows: out.append(rows.copy()), on_innovations=noted.append,
          aiding=aiding if with_wheels else None)  # fmt: skip
     return m, np.concatenate(out), np.concatenate(noted), filter_
 

@@ -10,7 +10,7 @@ from ..errors import UsageError
 from ..estimators import registry
 from ..estimators.records import INNOVATION, SOLUTION
 from ..math.arrays import Records
-from ..pipeline import UNREAD, Filter
+from ..pipeline import PENDING_MAX, Filter
 from .arguments import (
     Frames,
     check_frames,
@@ -79,8 +79,8 @@ class AttitudeFilter:
             self._origin = start_of(np.atleast_1d(np.asarray(t, float)))
         self._last_ns = int(samples["t_ns"][-1])
         out = np.zeros(len(samples), SOLUTION)
-        for begin in range(0, len(samples), UNREAD // 4):
-            part = slice(begin, begin + UNREAD // 4)
+        for begin in range(0, len(samples), PENDING_MAX // 4):
+            part = slice(begin, begin + PENDING_MAX // 4)
             self._filter.run(samples[part], out[part])
             self._waiting.append(self._filter.pending_innovations().copy())
         return self._solution(out)

@@ -129,10 +129,10 @@ def _run(
         from ..smoothing import smooth as smooth_all
 
         forward = Forward(filter_)
-        play(filter_, samples, fixes, forward.take, note=innovations.append, aiding=aided)
+        play(filter_, samples, fixes, forward.take, on_innovations=innovations.append, aiding=aided)
         smooth_all(forward, samples, fixes, aided, take)
     else:
-        play(filter_, samples, fixes, take, note=innovations.append, aiding=aided)
+        play(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=aided)
     return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)
 
 

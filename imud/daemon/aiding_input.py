@@ -48,7 +48,7 @@ class AidingInput:
             elif (inertial := self._selection.inertial) is None:
                 self._receiver.refuse("early", "there is no inertial sensor yet")
             else:
-                filter_ = inertial.stream.filter
+                filter_ = inertial.pipeline.filter
                 for source, measurement in self._receiver.decode(data, filter_.estimator.sources, now_ns, unix_ns):
                     innovations = shares.fuse(source.name, filter_, filter_.aid, measurement)
                     statistics.add(innovations)

@@ -34,7 +34,7 @@ class ByteRoutes:
                 sensor.byte_sink = None
         imu = self._in_use.imu
         if imu and imu.port.line.plain and imu.sensor.byte_sink is None and not self._spares.sensors:
-            self._descriptors.attach(imu.port.fd, imu.sensor.stream, imu.sensor.stale_ns)
+            self._descriptors.attach(imu.port.fd, imu.sensor.pipeline, imu.sensor.stale_ns)
 
     def read_through_python(self) -> None:
         """Let Python read the inertial sensor: a recording or a comparison needs its data."""

@@ -38,11 +38,11 @@ class Descriptors:
         else:
             self._fast_loop.others.unregister(fd)
 
-    def attach(self, fd: int, stream: InertialPipeline, stale_ns: int) -> None:
+    def attach(self, fd: int, pipeline: InertialPipeline, stale_ns: int) -> None:
         """Have the fast loop read a descriptor into this stream, if it reads none yet; see `FastLoop.attach`."""
         if self._fast_loop.fd < 0:
             self._fast_loop.others.unregister(fd)
-            self._fast_loop.attach(fd, stream, stale_ns)
+            self._fast_loop.attach(fd, pipeline, stale_ns)
 
     def detach(self, fd: int) -> None:
         """Have Python read a descriptor again, if the fast loop reads it."""

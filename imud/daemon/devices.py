@@ -90,7 +90,7 @@ class Devices:
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
         if (imu := self.in_use.imu) and imu.port.configured:
             own = choices.settings_for(settings, imu.port.configured.identity, self.ports.index(imu.port))
-            imu.sensor.stream.filter.configure(own)
+            imu.sensor.pipeline.filter.configure(own)
 
     @property
     def deadline_s(self) -> float:

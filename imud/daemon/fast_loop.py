@@ -52,25 +52,25 @@ FAILED, PUBLISH_DUE = -1, -2
 
 
 @kernel
-def _watched(fast_loop: Records, stream: Records) -> int:
+def _watched(fast_loop: Records, pipeline: Records) -> int:
     """The watched bits of the newest solution; 0 before the first."""
-    c, s = fast_loop[0], stream[0]
+    c, s = fast_loop[0], pipeline[0]
     return int(records(s.solutions, BATCH, SOLUTION)[s.newest].status & c.watched) if s.newest >= 0 else 0
 
 
 @entry
-def _note(fast_loop: Records, stream: Records, now_ns: int) -> None:
+def _note(fast_loop: Records, pipeline: Records, now_ns: int) -> None:
     """Python knows the newest solution: the next check compares with it."""
     c = fast_loop[0]
-    c.check_ns, c.status = now_ns + CHECK_NS, _watched(fast_loop, stream)
+    c.check_ns, c.status = now_ns + CHECK_NS, _watched(fast_loop, pipeline)
 
 
 @kernel
-def _is_quiet(fast_loop: Records, stream: Records, now_ns: int) -> bool:
+def _is_quiet(fast_loop: Records, pipeline: Records, now_ns: int) -> bool:
     """The check that is due: whether there is nothing that Python has to notice now."""
-    c, s = fast_loop[0], stream[0]
+    c, s = fast_loop[0], pipeline[0]
     paused = now_ns - c.check_ns > PAUSE_NS - CHECK_NS
-    if paused or now_ns - s.last_data_ns > c.stale_ns or _watched(fast_loop, stream) != c.status:
+    if paused or now_ns - s.last_data_ns > c.stale_ns or _watched(fast_loop, pipeline) != c.status:
         return False
     c.check_ns = now_ns + CHECK_NS
     return True
@@ -78,9 +78,9 @@ def _is_quiet(fast_loop: Records, stream: Records, now_ns: int) -> bool:
 
 @waiting_entry
 def _run_until_event(
-    fast_loop: Records, stream: Records, publisher: Records, until_ns: int, publish_ns: int, max_batch: int
+    fast_loop: Records, pipeline: Records, publisher: Records, until_ns: int, publish_ns: int, max_batch: int
 ) -> int:
-    c, s = fast_loop[0], stream[0]
+    c, s = fast_loop[0], pipeline[0]
     now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)
     while True:
         wait_ns = max((min(until_ns, c.check_ns) if c.fd >= 0 else until_ns) - now_ns, 0)
@@ -92,7 +92,7 @@ def _run_until_event(
         if c.revents != 0:
             if received <= 0:
                 return FAILED
-            n = ingest(stream, received, now_ns)
+            n = ingest(pipeline, received, now_ns)
             if n > max_batch:
                 return n
             if n > 0:
@@ -101,7 +101,7 @@ def _run_until_event(
                     return PUBLISH_DUE
         if c.others_revents != 0 or now_ns >= until_ns:
             return 0
-        if c.fd >= 0 and now_ns >= c.check_ns and not _is_quiet(fast_loop, stream, now_ns):
+        if c.fd >= 0 and now_ns >= c.check_ns and not _is_quiet(fast_loop, pipeline, now_ns):
             return 0
 
 
@@ -126,18 +126,18 @@ class FastLoop:
         """The line's descriptor; -1: none is attached."""
         return int(self._record["fd"][0])
 
-    def attach(self, fd: int, stream: InertialPipeline, stale_ns: int) -> None:
+    def attach(self, fd: int, pipeline: InertialPipeline, stale_ns: int) -> None:
         """From now on, read this line into this stream; return when its newest solution is older than `stale_ns`."""
-        self._record["fd"], self._record["stale_ns"], self._stream = fd, stale_ns, stream.record
+        self._record["fd"], self._record["stale_ns"], self._pipeline = fd, stale_ns, pipeline.record
 
     def detach(self) -> None:
         """Stop reading the line."""
-        self._record["fd"], self._stream = -1, self._idle
+        self._record["fd"], self._pipeline = -1, self._idle
 
     def note(self, now_ns: int) -> int:
         """Python knows the newest solution, so that only changes count; returns the time since the last check, ns."""
         gap_ns = now_ns - int(self._record["check_ns"][0]) + CHECK_NS
-        _note(self._record, self._stream, now_ns)
+        _note(self._record, self._pipeline, now_ns)
         return gap_ns
 
     def check_failed(self, now_ns: int) -> bool:
@@ -150,7 +150,7 @@ class FastLoop:
         Returns the size of a last batch that was larger than `max_batch` and was not published; FAILED if the line
         could not be read; PUBLISH_DUE once solutions were published at `publish_ns` or later; else 0.
         """
-        return _run_until_event(self._record, self._stream, outputs.record, until_ns, publish_ns, max_batch)
+        return _run_until_event(self._record, self._pipeline, outputs.record, until_ns, publish_ns, max_batch)
 
     def close(self) -> None:
         self.others.close()

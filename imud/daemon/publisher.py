@@ -37,10 +37,10 @@ class Publisher:
 
     def on_solutions(self, inertial: Inertial, n: int, now_ns: int) -> None:
         """The stream has n new solutions: record and publish them. Messages, which take longer, wait in an overload."""
-        stream = inertial.stream
+        pipeline = inertial.pipeline
         if recorder := self._recordings.current:
-            recorder.record_solutions(stream.samples[:n], stream.solutions[:n])
-        self._outputs.binary.publish(stream.solutions, n, inertial.samples, now_ns)
+            recorder.record_solutions(pipeline.samples[:n], pipeline.solutions[:n])
+        self._outputs.binary.publish(pipeline.solutions, n, inertial.samples, now_ns)
         if self.load.leaves_time_for_messages(n, inertial.period_s, now_ns):
             begin_ns = time.thread_time_ns()
             self.publish(inertial, now_ns)
@@ -53,7 +53,7 @@ class Publisher:
         if (inertial := self._devices.selection.inertial) is None:
             return
         for fix in fixes:
-            filter_ = inertial.stream.filter
+            filter_ = inertial.pipeline.filter
             innovations = self.shares.fuse(RECEIVER, filter_, filter_.update, fix)
             self.innovations.add(innovations)
             if recorder := self._recordings.current:
@@ -63,7 +63,7 @@ class Publisher:
         """Fuse what receivers and other sensors have measured beside positions."""
         for receiver in self._devices.in_use.receivers():
             if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
-                filter_ = inertial.stream.filter
+                filter_ = inertial.pipeline.filter
                 for each in receiver.measured:
                     if (row := each.row(filter_.estimator.sources)) is not None:
                         innovations = self.shares.fuse(each.source, filter_, filter_.aid, row)
@@ -80,12 +80,12 @@ class Publisher:
         if (inertial := self._devices.selection.inertial) is None:
             return
         recorder = self._recordings.current
-        if len(innovations := inertial.stream.filter.pending_innovations()):
+        if len(innovations := inertial.pipeline.filter.pending_innovations()):
             self.innovations.add(innovations)
             if recorder:
                 recorder.record_innovations(innovations)
         if recorder and self._states_period.is_due(now_ns):
-            recorder.record_states(inertial.stream.filter.filter_states())
+            recorder.record_states(inertial.pipeline.filter.filter_states())
 
     def publish(self, inertial: Inertial, now_ns: int) -> None:
         """Send the newest solution to those clients whose message is due."""
@@ -120,7 +120,7 @@ class Publisher:
             estimator=self._devices.selection.estimator.name,
             devices=self._devices.described,
             gnss=self._devices.in_use.gnss.sensor.view(now_ns) if self._devices.in_use.gnss else None,
-            temperature=float(inertial.stream.samples[0]["temperature"]),
+            temperature=float(inertial.pipeline.samples[0]["temperature"]),
             sensed=inertial.sensed,
             health=self._health(now_ns),
         )

@@ -71,7 +71,7 @@ class Spares:
         self._compare(port, spare)
 
     def _compare(self, port: "Port", sensor: Inertial) -> None:
-        self._comparison.join(port.spec.path, profile_of(sensor.stream.filter.settings), sensor.has_gyros)
+        self._comparison.join(port.spec.path, profile_of(sensor.pipeline.filter.settings), sensor.has_gyros)
         self._compared.add(port.spec.path)
 
     def remove(self, port: "Port") -> None:
@@ -92,7 +92,7 @@ class Spares:
         if self.sensors:
             if port.spec.path not in self._compared:
                 self._compare(port, sensor)
-            self._comparison.add_samples(port.spec.path, sensor.stream.samples[:n])
+            self._comparison.add_samples(port.spec.path, sensor.pipeline.samples[:n])
 
     def update(self, used_port: "Port", used: Inertial, now_ns: int) -> None:
         """Call several times a second: compares the sensors."""
@@ -124,7 +124,7 @@ class Spares:
 
     def _turn(self, port: "Port", spare: Inertial) -> None:
         """Its samples are turned otherwise from now on: the comparison begins anew."""
-        spare.stream.filter.calibrate(self._mountings.applied_to(self._known[port.spec.path], port.spec.path))
+        spare.pipeline.filter.calibrate(self._mountings.applied_to(self._known[port.spec.path], port.spec.path))
         self._compare(port, spare)
 
     def calibration(
@@ -171,4 +171,6 @@ class Spares:
 def _mounted(port: "Port", sensor: Inertial) -> Mounted:
     serial = port.configured.identity.serial if port.configured else ""
     still_powered = isinstance(port.configured, ImuConfigured) and port.configured.still_powered
-    return Mounted(port.spec.path, serial, still_powered, sensor.stream.filter.correction["turn"].reshape(3, 3).copy())
+    return Mounted(
+        port.spec.path, serial, still_powered, sensor.pipeline.filter.correction["turn"].reshape(3, 3).copy()
+    )

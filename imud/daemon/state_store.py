@@ -72,11 +72,11 @@ class StateStore:
     ) -> None:
         if sensor.newest is None or not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
             return
-        checkpoint = sensor.stream.filter.checkpoint()
+        checkpoint = sensor.pipeline.filter.checkpoint()
         due = now_ns >= self._biases_ns and bool(configured.identity.serial)
         if due:
             self._biases_ns = now_ns + _BIASES_NS
-        corrected = sensor.stream.filter.correction.copy() if due else None
+        corrected = sensor.pipeline.filter.correction.copy() if due else None
 
         def save() -> None:
             try:

@@ -80,7 +80,7 @@ class StatusReporter:
     def _warn_if_upside_down(self) -> None:
         """Warn of a sensor that seems upside down: perhaps its axes are not FRD, which its protocol does not say."""
         inertial = self._devices.selection.inertial
-        if inertial is not None and inertial.stream.samples[0]["f"][2] > 0.0:
+        if inertial is not None and inertial.pipeline.samples[0]["f"][2] > 0.0:
             self._log.warning(_UPSIDE_DOWN)
 
     def health(self, now_ns: int) -> Health:
@@ -104,7 +104,7 @@ class StatusReporter:
             )
             inertial = self._devices.selection.inertial
             if inertial is not None:
-                status_tables.add_estimates(table["sources"], inertial.stream.filter)
+                status_tables.add_estimates(table["sources"], inertial.pipeline.filter)
         return table
 
     def status(self, publisher: Publisher, outputs: Outputs, aiding: "AidingInput | None") -> str:

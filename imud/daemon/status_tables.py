@@ -177,14 +177,14 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
         **_named("sbg{}_dps", "xyz", s.sigma_bg),
         **_named("ba{}_mps2", "xyz", s.ba),
         **_named("sba{}_mps2", "xyz", s.sigma_ba),
-        **_named("antenna_{}_m", "xyz", inertial.stream.filter.settings.navigation.lever_arm_m if inertial else ()),
+        **_named("antenna_{}_m", "xyz", inertial.pipeline.filter.settings.navigation.lever_arm_m if inertial else ()),
         "sample": _sample_sigmas(inertial),
     }
 
 
 def of_filter_states(inertial: "Inertial | None") -> Table:
     """What the filter has found beside its solution, and the covariance of position, velocity and attitude."""
-    if inertial is None or not len(rows := inertial.stream.filter.filter_states()):
+    if inertial is None or not len(rows := inertial.pipeline.filter.filter_states()):
         return {}
     return {name: float(values[0]) for name, values in filter_states.cells(rows).items()}
 

@@ -25,7 +25,7 @@ CLOCK_FIT = np.dtype(
 
 def row_of(inertial: "Inertial", port: int, t_ns: int) -> NDArray[np.void]:
     """An array of one CLOCK_FIT; unknown is NaN."""
-    fit, clock, counted = inertial.clock_fit(), inertial.stream.clock[0], inertial.counters()
+    fit, clock, counted = inertial.clock_fit(), inertial.pipeline.clock[0], inertial.counters()
     row = np.zeros(1, CLOCK_FIT)
     row["t_ns"], row["port"] = t_ns, port
     row["drift"], row["sigma_drift"], row["residual"] = fit.drift, fit.sigma_drift, fit.residual_s

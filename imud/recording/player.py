@@ -119,7 +119,7 @@ class Player:
     def filter(self) -> Filter:
         """Of the inertial sensor that streams, which must be there."""
         assert self._selection.inertial is not None
-        return self._selection.inertial.stream.filter
+        return self._selection.inertial.pipeline.filter
 
     @property
     def inertial(self) -> Inertial | None:
@@ -154,7 +154,7 @@ class Player:
                 for raw in reads.part(first, last, first_byte):
                     self._receive(sensor, raw)
             elif sensor is not None:
-                self._steps.run(sensor.stream, first, last, first_byte)
+                self._steps.run(sensor.pipeline, first, last, first_byte)
                 self.now_ns = int(reads.t_ns[last - 1])
         self._steps.flush()
 
@@ -176,12 +176,12 @@ class Player:
     def _update(self, fix: Records) -> None:
         if self._selection.inertial is not None:
             self.fixes += 1
-            self._on_update(fix, self._selection.inertial.stream.filter.update(fix))
+            self._on_update(fix, self._selection.inertial.pipeline.filter.update(fix))
 
     def _measured(self, receiver: Receiver) -> None:
         """The readings of a receiver, as `daemon.publisher` uses them."""
         if (inertial := self._selection.inertial) is not None:
-            filter_ = inertial.stream.filter
+            filter_ = inertial.pipeline.filter
             for each in receiver.measured:
                 if (row := each.row(filter_.estimator.sources)) is not None:
                     self._on_aid(row, filter_.aid(row))
@@ -191,7 +191,7 @@ class Player:
         """A measurement of an aiding source; one that this estimator does not take is left out."""
         if (inertial := self._selection.inertial) is None:
             return
-        filter_ = inertial.stream.filter
+        filter_ = inertial.pipeline.filter
         if (measurement := measurement_row(said, filter_.estimator.sources)) is not None:
             self._on_aid(measurement, filter_.aid(measurement))
 
@@ -226,7 +226,7 @@ class Player:
                 sensor.settings, sensor.aiding = settings.gnss, settings.aiding
         if self._imu is not None and self._selection.inertial is not None:
             own = settings_for(settings, self._imu.imu().identity, self._imu.port)
-            self._selection.inertial.stream.filter.configure(own)
+            self._selection.inertial.pipeline.filter.configure(own)
 
 
 def _known(calibration: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from imud.drivers.sample import SAMPLE
 from ..estimators.records import SOLUTION
 from ..math.arrays import Records
 from ..pipeline import InertialPipeline
-from ..stages import BATCH, BYTE, ingest_reads
+from ..stages import BATCH, BYTE, READ_CURSOR, ingest_reads
 
 _ROWS = 8 * BATCH
 
@@ -21,7 +21,7 @@ class Steps:
     def __init__(self, on_step: Callable[[Records, Records], None]) -> None:
         self._on_step = on_step
         self._samples, self._solutions = np.zeros(_ROWS, SAMPLE), np.zeros(_ROWS, SOLUTION)
-        self._place = np.zeros(4, np.int64)  # next read and its first byte; where the run ends; rows that are filled
+        self._cursor = np.zeros(1, READ_CURSOR)
         self.begin(Reads.of([]))
 
     def begin(self, reads: Reads) -> None:
@@ -29,19 +29,19 @@ class Steps:
         self._data = np.frombuffer(bytearray(reads.data), BYTE)
         self._size, self._t_ns = reads.size.astype(np.int64), reads.t_ns.astype(np.int64)
 
-    def run(self, stream: InertialPipeline, first: int, last: int, first_byte: int) -> None:
+    def run(self, pipeline: InertialPipeline, first: int, last: int, first_byte: int) -> None:
         """Step through the reads from `first` to before `last`, which are of this sensor."""
-        place = self._place
-        place[:3] = first, first_byte, last
+        cursor = self._cursor
+        cursor["read"], cursor["byte"], cursor["end"] = first, first_byte, last
         while True:
-            ingest_reads(stream.record, self._data, self._size, self._t_ns, place, self._samples, self._solutions)
-            if place[0] >= last:
+            ingest_reads(pipeline.record, self._data, self._size, self._t_ns, cursor, self._samples, self._solutions)
+            if cursor["read"][0] >= last:
                 return
             self.flush()
 
     def flush(self) -> None:
         """Hand on what is not handed on yet."""
-        n = int(self._place[3])
-        self._place[3] = 0
+        n = int(self._cursor["filled"][0])
+        self._cursor["filled"] = 0
         if n:
             self._on_step(self._samples[:n], self._solutions[:n])

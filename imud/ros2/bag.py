@@ -79,9 +79,9 @@ class Bag:
         """Rows of SAMPLE and SOLUTION."""
         inertial = self._player.inertial
         assert inertial is not None
-        if inertial.stream.filter is not self._filter:
+        if inertial.pipeline.filter is not self._filter:
             self._write_waiting()
-            self._filter = inertial.stream.filter
+            self._filter = inertial.pipeline.filter
             self._converter.sigmas = Sigmas(*inertial.sample_sigmas)
         kept = self._samples.kept(samples)
         self._waiting.samples += kept.tobytes()

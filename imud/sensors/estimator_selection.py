@@ -68,11 +68,11 @@ class EstimatorSelection:
             if self._initial != _UNKNOWN:
                 stored = replace(stored, checkpoint=b"")
             self._initial = _UNKNOWN
-            stream = InertialPipeline(driver, driver.new_state(configured), filter_)
-            stream.record["count"] = self.inertial.samples if self.inertial else 0
-            self.inertial = Inertial(stream)
+            pipeline = InertialPipeline(driver, driver.new_state(configured), filter_)
+            pipeline.record["count"] = self.inertial.samples if self.inertial else 0
+            self.inertial = Inertial(pipeline)
             self._made_for = made_for
-        filter_ = self.inertial.stream.filter
+        filter_ = self.inertial.pipeline.filter
         filter_.configure(settings)
         filter_.calibrate(calibration)
         if fresh:

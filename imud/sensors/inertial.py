@@ -37,8 +37,8 @@ _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive 
 class Inertial:
     """An inertial sensor that streams into a filter."""
 
-    def __init__(self, stream: InertialPipeline) -> None:
-        self.stream = stream
+    def __init__(self, pipeline: InertialPipeline) -> None:
+        self.pipeline = pipeline
         self.silence_ns, self.stale_ns = SILENCE_NS, STALE_NS
         self.period_s = 0.0  # nominal, between samples
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
@@ -46,7 +46,7 @@ class Inertial:
         self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
         self.byte_sink: ByteSink | None = None
         self.has_gyros = self.has_quartz = False
-        self._room = stream.rx.data
+        self._room = pipeline.rx.data
         self._line: Line | None = None
         self._fault_texts: Mapping[int, str] = {}
         self._complained: int | None = None  # status word of the first frame, which the driver has reported
@@ -57,9 +57,9 @@ class Inertial:
         """Begin a new connection; the filter keeps its state. first_flags: of its first sample."""
         if self._line is not None:
             self._before.update(self.counters())
-        self.stream.restart(driver.new_state(configured), configured, first_flags)
+        self.pipeline.restart(driver.new_state(configured), configured, first_flags)
         self._line = line
-        self.stream.record["last_data_ns"] = now_ns
+        self.pipeline.record["last_data_ns"] = now_ns
         self._fault_texts, self._complained = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         by_itself = configured.request is None and not isinstance(line, Known)
@@ -72,58 +72,58 @@ class Inertial:
     def read(self, now_ns: int) -> int:
         """Read and step; returns how many solutions are new, the newest last. Raises PortLostError."""
         assert self._line is not None
-        fill = self.stream.fill
+        fill = self.pipeline.fill
         received, arrival_ns = self._line.receive(self._room[fill : fill + READ_BYTES], now_ns)
         if received == 0:
             return 0
         if self.byte_sink is not None:
             self.byte_sink(self._room[fill : fill + received], arrival_ns)
-        return self.stream.ingest(received, arrival_ns)
+        return self.pipeline.ingest(received, arrival_ns)
 
     @property
     def samples(self) -> int:
         """Number of samples since the start."""
-        return int(self.stream.record["count"][0])
+        return int(self.pipeline.record["count"][0])
 
     @property
     def last_data_ns(self) -> int:
         """When the newest sample came; before the first, when the connection was made."""
-        return int(self.stream.record["last_data_ns"][0])
+        return int(self.pipeline.record["last_data_ns"][0])
 
     @property
     def _newest(self) -> int:
-        return int(self.stream.record["newest"][0])
+        return int(self.pipeline.record["newest"][0])
 
     def rate_ratio(self) -> float | None:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
         if self.rate_monitor is None or self._newest < 0:
             return None
-        self.rate_monitor.update(int(self.stream.samples[self._newest]["tick"]), self.last_data_ns)
+        self.rate_monitor.update(int(self.pipeline.samples[self._newest]["tick"]), self.last_data_ns)
         return self.rate_monitor.share
 
     @property
     def newest(self) -> np.void | None:
         """The newest solution, a SOLUTION row that the next reading overwrites; None before the first."""
-        return None if self._newest < 0 else self.stream.solutions[self._newest]
+        return None if self._newest < 0 else self.pipeline.solutions[self._newest]
 
     @property
     def sensed(self) -> tuple[float, ...]:
         """Rates (rad/s) and specific force (m/s^2) of the last sample, body axes; NaN without a whole set of gyros."""
-        sample = self.stream.samples[self._newest]
+        sample = self.pipeline.samples[self._newest]
         rates = sample["w"].tolist() if self.has_gyros else NO_VECTOR
         return (*rates, *sample["f"].tolist())
 
     @property
     def sample_sigmas(self) -> tuple[SampleSigma | None, SampleSigma]:
         """What a sample's rates and forces are worth by the noise profile; None without a whole set of gyros."""
-        filter_ = self.stream.filter
+        filter_ = self.pipeline.filter
         gyro, accel = sample_sigmas(profile_of(filter_.settings), filter_.rate_hz)
         return gyro if self.has_gyros else None, accel
 
     def update(self, now_ns: int) -> None:
         """Call now and then: how fast samples come, and how many of them do not."""
         self.rate.update(self.samples, now_ns)
-        self._loss_monitor.update(int(self.stream.decoder["frames"][0]), self.lost, now_ns)
+        self._loss_monitor.update(int(self.pipeline.decoder["frames"][0]), self.lost, now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the sensor, in words."""
@@ -131,13 +131,13 @@ class Inertial:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         beyond = (_BEYOND[name] for name in self.out_of_limits())
-        return (*damaged, *beyond, *words(recent_findings(self.stream.filter.health)), *self._complains())
+        return (*damaged, *beyond, *words(recent_findings(self.pipeline.filter.health)), *self._complains())
 
     def out_of_limits(self) -> tuple[str, ...]:
         """Which quantities are beyond their limits, by their names in `LIMITS`."""
         fit = self.clock_fit()
         drift = 1e6 * fit.drift if self.has_quartz else math.nan
-        temperature = float(self.stream.samples[self._newest]["temperature"]) if self._newest >= 0 else math.nan
+        temperature = float(self.pipeline.samples[self._newest]["temperature"]) if self._newest >= 0 else math.nan
         shown = (
             ("clock_residual_us", 1e6 * fit.residual_s, 0.0),
             ("clock_drift_ppm", drift, 1e6 * fit.sigma_drift),
@@ -147,8 +147,8 @@ class Inertial:
 
     def _complains(self) -> tuple[str, ...]:
         """Faults that the sensor itself has reported since it began to stream."""
-        status = int(self.stream.decoder["status"][0])
-        if self._complained is None and self.stream.decoder["frames"][0] > 0:
+        status = int(self.pipeline.decoder["status"][0])
+        if self._complained is None and self.pipeline.decoder["frames"][0] > 0:
             self._complained = status
         self._complained = status & (self._complained or 0)
         if status == self._complained:
@@ -161,7 +161,7 @@ class Inertial:
 
     def clock_fit(self) -> ClockFit:
         """How well the sensor's counter fits our time."""
-        clock = self.stream.clock[0]
+        clock = self.pipeline.clock[0]
         if not clock["fitted"]:
             return ClockFit()
         slope, sigma = clock["slope"] / clock["period_ns"], clock["sigma_slope"] / clock["period_ns"]
@@ -169,7 +169,7 @@ class Inertial:
 
     def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of the sensor: counters, and the fit of its clock."""
-        fit, clock = self.clock_fit(), self.stream.clock[0]
+        fit, clock = self.clock_fit(), self.pipeline.clock[0]
         return {
             **self.counters(),
             "heard_ago_s": (now_ns - self.last_data_ns) * 1e-9,
@@ -186,14 +186,14 @@ class Inertial:
     @property
     def lost(self) -> int:
         """Samples of this connection that never came: by the sensor's counter, as our clock corrected it."""
-        clock = self.stream.clock[0]
+        clock = self.pipeline.clock[0]
         uncounted = float(clock["uncounted_ticks"] * clock["period_ns"]) * 1e-9 / self.period_s
-        return max(0, int(self.stream.decoder["lost"][0]) + round(uncounted))
+        return max(0, int(self.pipeline.decoder["lost"][0]) + round(uncounted))
 
     def counters(self) -> dict[str, int]:
         """What decoder and line have counted in this connection."""
         names = ("frames", "junk", "bad", "lost", "suspect", "errors")
-        counted = {name: int(self.stream.decoder[name][0]) for name in names} | {"lost": self.lost}
+        counted = {name: int(self.pipeline.decoder[name][0]) for name in names} | {"lost": self.lost}
         return counted | (dict(self._line.counters) if self._line else {})
 
     def totals(self) -> dict[str, int]:

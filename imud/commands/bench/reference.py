@@ -63,13 +63,13 @@ def to_c(filter_: Filter, folder: Path) -> None:
     filter_.stages.feed = partial(call, build(unit.source, folder).feed)
 
 
-def stream_source(stream: InertialPipeline) -> tuple[str, bytes]:
+def pipeline_source(pipeline: InertialPipeline) -> tuple[str, bytes]:
     """`InertialPipeline.ingest` in C as `int64_t ingest(received, arrival_ns)`, with its memory; and the contents.
 
     RX, DECODER and SOLUTIONS name the buffers; `memory` lists all of them, in the order of the bytes returned.
     """
     unit = c.Translation()
-    s, f = stream, stream.filter
+    s, f = pipeline, pipeline.filter
     parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
         "decode": (s.decode, (s.rx, "fill + received", s.decoder, s.samples)),
         "advance": (
@@ -91,7 +91,7 @@ def stream_source(stream: InertialPipeline) -> tuple[str, bytes]:
         lines.append(f"static {stored(unit.of_dtype(array.dtype))} {name}[{len(array)}];")
     listed = ", ".join(f"{{{name}, sizeof {name}}}" for name, _ in buffers.values())
     lines.append(f"static const struct {{ void *at; size_t size; }} memory[] = {{{listed}}};")
-    for alias, array in (("RX", stream.rx), ("DECODER", stream.decoder), ("SOLUTIONS", stream.solutions)):
+    for alias, array in (("RX", pipeline.rx), ("DECODER", pipeline.decoder), ("SOLUTIONS", pipeline.solutions)):
         lines.append(f"#define {alias} {buffers[array.ctypes.data][0]}")
     lines.append(
         "static int64_t fill;\n"

@@ -41,7 +41,7 @@ def timed(act: Callable[[], Any]) -> float:
     return time.process_time() - begin
 
 
-def new_stream(estimator: str) -> InertialPipeline:
+def new_pipeline(estimator: str) -> InertialPipeline:
     """An M-G350 into an estimator."""
     driver = by_name("epson")
     assert driver.kind == "imu"
@@ -50,13 +50,13 @@ def new_stream(estimator: str) -> InertialPipeline:
     return InertialPipeline(driver, driver.new_state(configured), filter_)
 
 
-def replay_wire(stream: InertialPipeline, wire: Any, period_ns: int) -> int:
+def replay_wire(pipeline: InertialPipeline, wire: Any, period_ns: int) -> int:
     """All of its bytes, as they would come; returns how many solutions they make."""
     total = 0
     for at in range(0, len(wire), CHUNK):
         chunk = wire[at : at + CHUNK]
-        stream.rx[stream.fill : stream.fill + len(chunk)] = chunk
-        total += stream.ingest(len(chunk), (at + len(chunk)) * period_ns)
+        pipeline.rx[pipeline.fill : pipeline.fill + len(chunk)] = chunk
+        total += pipeline.ingest(len(chunk), (at + len(chunk)) * period_ns)
     return total
 
 
@@ -65,7 +65,7 @@ class CReplay:
 
     def __init__(self, folder: Path, options: Sequence[str] = ()) -> None:
         """options: more of the compiler's."""
-        text, self._memory = reference.stream_source(new_stream("attitude"))
+        text, self._memory = reference.pipeline_source(new_pipeline("attitude"))
         self._function = reference.build(text, folder, reference.SOURCES / "replay.c", options).replay
 
     def __call__(self, wire: Any, period_ns: int) -> int:
@@ -81,15 +81,15 @@ def replay(seconds: int, rounds: int) -> Section:
     n = len(frames)
 
     def run_once() -> float:
-        stream = new_stream("attitude")
-        return timed(lambda: replay_wire(stream, wire, period_ns))
+        pipeline = new_pipeline("attitude")
+        return timed(lambda: replay_wire(pipeline, wire, period_ns))
 
     contestants = [run_once]
     why = ""
     with tempfile.TemporaryDirectory() as folder:
         try:
             in_c = CReplay(Path(folder))
-            assert in_c(wire, period_ns) == replay_wire(new_stream("attitude"), wire, period_ns) >= n - 1
+            assert in_c(wire, period_ns) == replay_wire(new_pipeline("attitude"), wire, period_ns) >= n - 1
             contestants.append(lambda: timed(lambda: in_c(wire, period_ns)))
         except reference.NoReferenceError as error:
             why = str(error)

@@ -258,6 +258,13 @@ def test_no_shipped_file_imports_a_test(package):
         assert not top(imported(path)) & tests, path
 
 
+def test_the_readme_of_imud_names_each_of_its_folders():
+    text = (ROOT / "imud" / "README.md").read_text()
+    links = {"drivers", "firmware_sim"}  # to the folders beside it, which docs/architecture.md names
+    folders = {path.parent.name for path in (ROOT / "imud").glob("*/__init__.py")} - links
+    assert {name for name in folders if f"| `{name}/` |" not in text} == set()
+
+
 def test_the_graph_of_imports_sees_what_is_there(tmp_path):
     (tmp_path / "p" / "q").mkdir(parents=True)
     for name, text in {

@@ -2,8 +2,9 @@
 
 import contextlib
 from collections.abc import Callable, Mapping
+from typing import TypeVar
 
-from imud.configuration.settings import Settings
+from imud.configuration.settings import Chrony, Settings
 from imud.drivers.fix import Fix
 from imud.process.contained import ContainedErrors
 from imud.process.log import get_logger
@@ -15,6 +16,8 @@ from .listeners import Poller
 from .nmea import NmeaOutput
 from .plugin import Output, opened
 from .view import View
+
+_Output = TypeVar("_Output", GpsdServer, NmeaOutput, BinaryOutputs, ChronyOutput, Output)
 
 
 class Outputs:
@@ -32,22 +35,16 @@ class Outputs:
         """Open for at most `batch` solutions at a time; queries, commands: see ExtensionRequests. Raises ImudError."""
         self._errors = errors or ContainedErrors()
         with contextlib.ExitStack() as stack:
-            self.gpsd = stack.enter_context(
-                contextlib.closing(GpsdServer(settings.gpsd, poller, queries, commands, self._errors))
-            )
-            nmea = stack.enter_context(contextlib.closing(NmeaOutput(settings.nmea)))
-            self.binary = stack.enter_context(contextlib.closing(BinaryOutputs(settings, poller, batch)))
-            self._chrony = None
-            if settings.chrony.shm_unit >= 0:
-                chrony = ChronyOutput(settings.chrony.shm_unit, int(settings.chrony.shm_mode, 8))
-                self._chrony = stack.enter_context(contextlib.closing(chrony))
-                if chrony.is_open_to_all:
-                    get_logger().warning(
-                        f"chrony: the segment of unit {settings.chrony.shm_unit} was there already, and every user of "
-                        "this machine may write to it and set the clock: `refclock SHM ...:perm=0660` in chrony.conf"
-                    )
-            others = [stack.enter_context(contextlib.closing(opened(name))) for name in settings.outputs]
-            self._view_outputs: tuple[Output, ...] = (self.gpsd, nmea, *others)
+
+            def closing(output: _Output) -> _Output:
+                return stack.enter_context(contextlib.closing(output))
+
+            self.gpsd = closing(GpsdServer(settings.gpsd, poller, queries, commands, self._errors))
+            nmea = closing(NmeaOutput(settings.nmea))
+            self.binary = closing(BinaryOutputs(settings, poller, batch))
+            self._chrony = closing(_open_chrony(settings.chrony)) if settings.chrony.shm_unit >= 0 else None
+            plugins = [closing(opened(name)) for name in settings.outputs]
+            self._view_outputs: tuple[Output, ...] = (self.gpsd, nmea, *plugins)
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:
@@ -96,3 +93,13 @@ class Outputs:
 
     def close(self) -> None:
         self._opened.close()
+
+
+def _open_chrony(settings: Chrony) -> ChronyOutput:
+    chrony = ChronyOutput(settings.shm_unit, int(settings.shm_mode, 8))
+    if chrony.is_open_to_all:
+        get_logger().warning(
+            f"chrony: the segment of unit {settings.shm_unit} was there already, and every user of this machine may "
+            "write to it and set the clock: `refclock SHM ...:perm=0660` in chrony.conf"
+        )
+    return chrony

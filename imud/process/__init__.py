@@ -1,1 +1,1 @@
-"""The process and its system: signals, memory, priorities, log, service manager, compiled kernels' cache."""
+"""The process and its system: signals, memory, priorities, log, service manager."""

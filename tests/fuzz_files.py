@@ -32,7 +32,7 @@ from imud.folders import boot_id
 from imud.pipeline import Filter, Stored
 from imud.sensor_errors import calibration, stored_biases
 from imud.sensor_errors.profiles import profile_of
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 from imud.tables.inputs import read_aiding
 from imud.tables.nmea_log import fixes_of_log
 
@@ -87,7 +87,7 @@ def aiding(data: bytes) -> None:
     """A datagram, and what the filter makes of it."""
     filter_, state, _ = _filter("navigation")
     filter_.state[:] = np.frombuffer(state, filter_.state.dtype)
-    receiver, now_ns = AidingReceiver(), 10 * 10**9
+    receiver, now_ns = DatagramDecoder(), 10 * 10**9
     for _, measurement in receiver.decode(data[:4096], filter_.estimator.sources, now_ns, UNIX_NS):
         filter_.aid(measurement)
     samples = resting(10.0, 0.3)

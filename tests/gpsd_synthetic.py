@@ -24,7 +24,7 @@ from imud.math.earth import radii
 from imud.math.rotation import quat_of_euler
 from imud.outputs.gpsd import GpsdServer
 from imud.outputs.view import Device, View
-from imud.sensors.readings import Gnss
+from imud.sensors.readings import ReceiverReport
 
 LAT_DEG, LON_DEG, HEIGHT_M, GEOID_M = 48.137154, 11.576124, 565.0, 46.0
 ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
@@ -73,7 +73,7 @@ def view(t_s: float, utc_s: float | None, seq: int, attitude_only: bool = False)
         seq=seq,
         estimator="attitude" if attitude_only else "navigation",
         devices=(IMU,) if attitude_only else (IMU, RECEIVER),
-        gnss=None if attitude_only else Gnss(9, 0.9, 1, HEIGHT_M - GEOID_M, GEOID_M, 0.1, SKY),
+        gnss=None if attitude_only else ReceiverReport(9, 0.9, 1, HEIGHT_M - GEOID_M, GEOID_M, 0.1, SKY),
         temperature=31.5,
         sensed=(0.002, -0.004, 0.203, 0.11, 1.98, -9.77),
     )

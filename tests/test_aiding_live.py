@@ -22,7 +22,7 @@ from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Player
 from imud.recording.samples import fields_of
 from imud.recording.source import Recording, adapter
-from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, AidingReceiver
+from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, DatagramDecoder
 
 SOURCES = registry.by_name("navigation").sources
 NOW_NS, UNIX_NS = 50_000_000_000, 1_700_000_000_000_000_000
@@ -34,7 +34,7 @@ def decoded(receiver, *lines, now_ns=NOW_NS):
 
 def test_a_heading_with_and_without_a_time():
     timed, untimed = decoded(
-        AidingReceiver(),
+        DatagramDecoder(),
         '{"class":"HDG","heading":90,"sigma":0.5,"t":1699999999.75}',
         '{"class":"HDG","heading":-45.5}',
     )
@@ -68,7 +68,7 @@ def test_a_heading_with_and_without_a_time():
     ],
 )
 def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_used(line, rule, why):
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     assert len(decoded(receiver, line, '{"class":"HDG","heading":1}', line)) == 1
     assert receiver.properties(NOW_NS)["refused"] == {rule: 2}
     [refused] = [text for text in receiver.messages if text.startswith("refused")]
@@ -76,14 +76,14 @@ def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_
 
 
 def test_bytes_of_any_kind_raise_nothing():
-    receiver, rng = AidingReceiver(), np.random.default_rng(1)
+    receiver, rng = DatagramDecoder(), np.random.default_rng(1)
     for _ in range(300):
         assert not list(receiver.decode(rng.bytes(rng.integers(1, 80)), SOURCES, NOW_NS, UNIX_NS))
     assert len(receiver.messages) <= 4
 
 
 def test_too_many_are_refused_until_the_next_second():
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     line = '{"class":"HDG","heading":1}'
     assert sum(len(decoded(receiver, line)) for _ in range(150)) == RATE_HZ_MAX
     assert receiver.properties(NOW_NS)["refused"] == {"rate": 150 - RATE_HZ_MAX}
@@ -91,13 +91,13 @@ def test_too_many_are_refused_until_the_next_second():
 
 
 def test_of_a_datagram_with_too_many_lines_the_first_are_read():
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     assert len(decoded(receiver, *['{"class":"HDG","heading":1}'] * 40, "", "[]")) == LINES_MAX
     assert receiver.properties(NOW_NS)["refused"] == {"lines": 1}
 
 
 def test_a_source_that_fell_silent_is_a_fault():
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     decoded(receiver, '{"class":"HDG","heading":1}')
     assert receiver.faults(NOW_NS + 2_000_000_000) == ()
     assert receiver.faults(NOW_NS + 4_000_000_000) == ("heading: stale, nothing new comes",)

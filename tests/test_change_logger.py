@@ -134,14 +134,14 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
 def test_a_receiver_without_a_position_is_not_reported_silent(talks, said):
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(6) if talks else ():
-        receiver.take(line("GPGSV,1,1,00"), second * SECOND)
+        receiver.feed(line("GPGSV,1,1,00"), second * SECOND)
     assert said in receiver.faults(5 * SECOND)[0]
 
 
 def test_a_receiver_that_repeats_its_fix_is_not_called_well():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(10):
-        receiver.take(gga(f"12000{min(second, 5)}.000"), second * SECOND)
+        receiver.feed(gga(f"12000{min(second, 5)}.000"), second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         stuck = second > 8
         assert receiver.faults(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
@@ -153,7 +153,7 @@ def test_a_receiver_on_a_disturbed_line_is_not_called_well():
     for second in range(60):
         good = gga(f"12{second // 60:02}{second % 60:02}.000")
         torn = good.replace(b"545", b"546") * (10 <= second < 30 and second % 2)
-        receiver.take(torn + good, second * SECOND)
+        receiver.feed(torn + good, second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         receiver.update(second * SECOND)
         reported.append(receiver.faults(second * SECOND))

@@ -120,7 +120,7 @@ def received_by_daemon(**how):
     receiver, rows, messages = Receiver(by_name("nmea"), Gnss(require_checksum=False), 0), [], []
     for second in range(40):
         text = sentences(second, **how).replace(b"*", b"\r\n#")  # without a checksum
-        rows += receiver.take(text, (second + 5) * SECOND)
+        rows += receiver.feed(text, (second + 5) * SECOND)
         messages.append(receiver.message)
         receiver.message = ""
     return receiver, rows, [message for message in messages if message]

@@ -27,7 +27,8 @@ NAMES = (
     "says", "deaf", "nobody", "worth", "quiet", "story", "lively", "rubbish", "stranger",
     "heading_doubt", "doubt_field", "is_odd", "fever", "quietest", "spoilt", "insist", "looked_ns", "complaints",
     "jolt", "patience", "forget_tilt", "forget_rest", "forget_axis", "forget_sensor_errors", "late2", "reopen_biases",
-    "turn_gain", "possible_error", "window_force",
+    "turn_gain", "possible_error", "window_force", "room_for", "UNREAD", "OF_ONE", "AidingReceiver", "complains",
+    "complained", "OF_SPARES", "Known",
 )  # fmt: skip
 
 # What is left. Delete an entry with its word; `test_no_exception_is_outdated` asks for it. Nothing may be added here.

@@ -20,7 +20,7 @@ from imud.errors import BadDataError, ConfigError
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import View
 from imud.sensors.gnss import record, refusal
-from imud.sensors.readings import Gnss as GnssView
+from imud.sensors.readings import ReceiverReport
 from imud.sensors.receiver import Receiver
 from imud.setup.config import load
 from imud.tables.inputs import read_fixes
@@ -79,7 +79,7 @@ def test_a_fix_that_cannot_be_is_refused_and_a_fault(told):
 
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
     receiver.decoder = Says()
-    assert not any(receiver.take(b"", second * 10**9) for second in range(1, 9))
+    assert not any(receiver.feed(b"", second * 10**9) for second in range(1, 9))
     assert any("beyond what can be" in fault for fault in receiver.faults(9 * 10**9))
 
 
@@ -120,7 +120,7 @@ def test_a_position_of_few_digits_is_no_better_than_its_rounding(lat, lon, sigma
 def test_without_an_inertial_sensor_the_receivers_fix_is_published():
     kinds = ("TPV", "ATT", "IMU", "EST")
     row = solution(record(replace(FIX, hdop=0.8), 5, 7))
-    view = View(solution=row.tobytes(), utc_s=1.7e9, gnss=GnssView(quality=4, geoid_sep=46.9))
+    view = View(solution=row.tobytes(), utc_s=1.7e9, gnss=ReceiverReport(quality=4, geoid_sep=46.9))
     (tpv,) = map(json.loads, Report(view).lines(kinds).splitlines())
     assert (tpv["mode"], tpv["status"], tpv["track"]) == (3, 3, pytest.approx(90.0))
     assert (tpv["lat"], tpv["altHAE"]) == pytest.approx((48 + 7.038 / 60, 545.4 + 46.9))
@@ -242,10 +242,10 @@ def test_rejection_of_fixes_is_reported_once_per_change_with_its_setting():
 
 def test_noise_keeps_no_receiver_alive():
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
-    receiver.take(gga("120000.000"), 1)
-    receiver.take(b"\xff\x80$GPGGA,\xfe*00\r\n" * 40, 2)
+    receiver.feed(gga("120000.000"), 1)
+    receiver.feed(b"\xff\x80$GPGGA,\xfe*00\r\n" * 40, 2)
     assert receiver.last_data_ns == 1
-    receiver.take(b"$GPTXT,01*62\r\n", 3)  # whole, and of no use
+    receiver.feed(b"$GPTXT,01*62\r\n", 3)  # whole, and of no use
     assert receiver.last_data_ns == 3
 
 
@@ -265,12 +265,12 @@ def test_a_tap_is_handed_all_that_the_fixes_depend_on():
     for second in range(8):
         now_ns = second * 1_000_000_000 + 130_000_000
         receiver._pulse.pulse_ns = None if second % 3 == 0 else now_ns - 90_000_000
-        live += receiver.take(gga(f"1200{second:02}.000", rest="1,8,0.9,545.4,M,46.9,M,,"), now_ns)
+        live += receiver.feed(gga(f"1200{second:02}.000", rest="1,8,0.9,545.4,M,46.9,M,,"), now_ns)
         for later_ms in range(20, 400, 20):
             live += receiver.flush(now_ns + later_ms * 1_000_000)
     second = Receiver(driver, Gnss(), 0, pulse := FixedPulse(None))
     for data, t_ns, pulse.pulse_ns in heard:
-        again += second.take(data, t_ns) if data else second.flush(t_ns)
+        again += second.feed(data, t_ns) if data else second.flush(t_ns)
     assert len(live) == 7 and receiver.refused == {"age": 1}, "all but the first, whose age is not known"
     assert len(heard) < 20
     assert np.concatenate(again).tobytes() == np.concatenate(live).tobytes()

@@ -55,7 +55,7 @@ def test_the_fixes_of_a_queue_are_not_used(interval_s, queued):
         arrival_s = max(made_s, 100.0) + LATENCY_S + 1e-3 * (k if k <= queued else queued)
         utc_s = 60.0 + interval_s * k
         sentence = gga(f"12{int(utc_s // 60):02d}{utc_s % 60:06.3f}")
-        rows = receiver.take(sentence, round(arrival_s * 1e9)) + receiver.flush(round((arrival_s + 1e-4) * 1e9))
+        rows = receiver.feed(sentence, round(arrival_s * 1e9)) + receiver.flush(round((arrival_s + 1e-4) * 1e9))
         used += [int(row["t_ns"][0]) * 1e-9 for row in rows]
     assert len(used) == 9 and receiver.refused == {"age": queued + 1}
     assert used == pytest.approx([100.0 + interval_s * k for k in range(1, 10)], abs=0.05)
@@ -64,7 +64,7 @@ def test_the_fixes_of_a_queue_are_not_used(interval_s, queued):
 def test_a_queue_of_three_is_in_the_log():
     receiver, messages = Receiver(by_name("nmea"), Gnss(), 0), []
     for second in range(8):
-        receiver.take(gga(f"12000{second}.000"), max(second, 4) * SECOND)
+        receiver.feed(gga(f"12000{second}.000"), max(second, 4) * SECOND)
         messages.append(receiver.message)
         receiver.message = ""
     first, second = filter(None, messages)
@@ -75,7 +75,7 @@ def test_a_queue_of_three_is_in_the_log():
 def test_fixes_that_are_always_too_late_are_a_fault(latency_s):
     receiver = Receiver(by_name("nmea"), Gnss(latency_s=latency_s), 0)
     for second in range(8):
-        receiver.take(gga(f"12000{second}.000"), (5 + second) * SECOND)
+        receiver.feed(gga(f"12000{second}.000"), (5 + second) * SECOND)
     assert any("too late" in fault for fault in receiver.faults(13 * SECOND)) == (latency_s > 2.0)
 
 
@@ -92,7 +92,7 @@ def test_a_time_that_runs_backward_is_a_fault_also_over_midnight(step):
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
     for k in range(8):
         second = (86_398 + step * k if step > 0 else 2 - k) % 86_400
-        receiver.take(gga(f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.000"), (5 + k) * SECOND)
+        receiver.feed(gga(f"{second // 3600:02d}{second // 60 % 60:02d}{second % 60:02d}.000"), (5 + k) * SECOND)
     assert any("backward" in fault for fault in receiver.faults(13 * SECOND)) == (step < 0)
 
 
@@ -101,7 +101,7 @@ def used_of(seconds):
     receiver, used = Receiver(by_name("nmea"), Gnss(), 0), []
     for k, second in enumerate(seconds):
         text = f"{second // 3600 % 24:02d}{second // 60 % 60:02d}{second % 60:02d}.000"
-        rows = receiver.take(gga(text), (5 + k) * SECOND) + receiver.flush((5 + k) * SECOND + 300_000_000)
+        rows = receiver.feed(gga(text), (5 + k) * SECOND) + receiver.flush((5 + k) * SECOND + 300_000_000)
         used.append(bool(rows))
     return used, receiver
 

@@ -25,7 +25,7 @@ from imud.estimators.records import (
 from imud.outputs.gpsd_json import CLASSES, Report, status_text
 from imud.outputs.gpsd_objects import line, quoted
 from imud.outputs.view import NO_SOLUTION, Device, View
-from imud.sensors.readings import Gnss
+from imud.sensors.readings import ReceiverReport
 
 FULL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 
@@ -41,7 +41,7 @@ def golden_fix() -> bytes:
 
 
 REPORTED = Fix(0, 43220.0, None, 48.5, -11.25, None, None, 2, 9, 0.9, 5.0, 90.0)
-GNSS = Gnss(
+GNSS = ReceiverReport(
     satellites=9, hdop=0.9, quality=1, alt_msl=454.0, geoid_sep=46.125, age_s=0.1, fix=golden_fix(), reported=REPORTED
 )
 
@@ -191,9 +191,9 @@ def test_status_and_mode(status, emulated, expected):
 @pytest.mark.parametrize(
     ("gnss", "expected"),
     [
-        (Gnss(geoid_sep=46.0, alt_msl=1.0), 454.125),
-        (Gnss(alt_msl=450.0), 450.0),
-        (Gnss(), None),
+        (ReceiverReport(geoid_sep=46.0, alt_msl=1.0), 454.125),
+        (ReceiverReport(alt_msl=450.0), 450.0),
+        (ReceiverReport(), None),
         (None, None),
     ],
 )
@@ -205,9 +205,9 @@ def test_altitude_above_the_sea(gnss, expected):
 @pytest.mark.parametrize(
     ("gnss", "expected"),
     [
-        (Gnss(satellites=9, hdop=0.9), {"hdop": 0.9, "nSat": 9, "uSat": 9}),
-        (Gnss(satellites=-1, hdop=1.5), {"hdop": 1.5}),
-        (Gnss(satellites=9, hdop=0.9, age_s=11.0), {}),
+        (ReceiverReport(satellites=9, hdop=0.9), {"hdop": 0.9, "nSat": 9, "uSat": 9}),
+        (ReceiverReport(satellites=-1, hdop=1.5), {"hdop": 1.5}),
+        (ReceiverReport(satellites=9, hdop=0.9, age_s=11.0), {}),
     ],
 )
 def test_satellites(gnss, expected):
@@ -279,7 +279,7 @@ any_double = st.floats(width=64) | st.sampled_from([0.0, -0.0, math.nan, math.in
 
 @given(
     st.integers(0, 127), st.lists(any_double, min_size=37, max_size=37), st.none() | any_double,
-    st.none() | st.builds(Gnss, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3,
+    st.none() | st.builds(ReceiverReport, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3,
                         fix=st.just(b"") | st.binary(min_size=FIX.itemsize, max_size=FIX.itemsize),
                         reported=st.none() | st.just(REPORTED)),
     any_double, any_double, st.booleans(), st.text(max_size=300),

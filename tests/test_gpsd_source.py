@@ -107,7 +107,7 @@ def test_no_fix_ends_the_epoch_and_is_reported():
     assert len(decoder.feed(line("TPV", mode=1), 5)) == 1
     assert (decoder.status.quality, decoder.status.arrival_ns, decoder.counters["no fix"]) == (0, 5, 1)
     receiver = Receiver(DRIVER, Gnss(), 0)
-    receiver.take(line("TPV", mode=0), SECOND)
+    receiver.feed(line("TPV", mode=0), SECOND)
     assert receiver.faults(SECOND) == ("receiver: no fix",)
     assert any("stale" in text for text in receiver.faults(9 * SECOND))
 

@@ -67,7 +67,7 @@ def test_a_receiver_whose_fixes_are_refused_is_not_called_well():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(10):
         hdop = "0.9" if second < 5 else "55.0"
-        receiver.take(gga(f"12000{second}.000", rest=f"1,08,{hdop},545.4,M,46.9,M,,"), second * SECOND)
+        receiver.feed(gga(f"12000{second}.000", rest=f"1,08,{hdop},545.4,M,46.9,M,,"), second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         if second == 4:
             assert receiver.faults(second * SECOND) == receiver.out_of_limits(second * SECOND) == ()

@@ -9,7 +9,7 @@ from test_navigation_aiding import estimated
 from imud.estimators import registry
 from imud.estimators.ins.aiding.barometer import SOURCE, standard_height
 from imud.estimators.records import BAROMETER_SOURCE, HEIGHT_VALID, MEASUREMENT, REJECTING
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 from imud.tables.inputs import read_aiding
 
 
@@ -80,7 +80,7 @@ def test_pressure_is_converted_by_the_standard_atmosphere():
 
 def test_pressure_or_height_in_a_datagram_and_in_a_table(tmp_path):
     sources = registry.by_name("navigation").sources
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     data = b'{"class":"BARO","pressure":89874.6}\n{"class":"BARO","height":1000}\n{"class":"BARO","pressure":1013.25}\n'
     found = list(receiver.decode(data + b'{"class":"BARO","sigma":1}', sources, 5, 5))
     assert [row["value"][0, 0] for _, row in found] == pytest.approx([1000.0, 1000.0], abs=1.5)

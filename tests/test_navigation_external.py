@@ -19,7 +19,7 @@ from imud.estimators.records import (
     POSITION_VALID,
     VELOCITY_SOURCE,
 )
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 from imud.tables.inputs import read_aiding
 
 SIGMA, YAW_SIGMA = 0.1, np.radians(1.0)
@@ -162,7 +162,7 @@ def test_a_fault_of_the_poses_leaves_the_rest_unharmed(fault):
 
 
 def test_a_pose_in_a_datagram():
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     sources = registry.by_name("navigation").sources
     data = b'{"class":"POSE","lat":48,"lon":11,"height":500,"yaw":90,"sn":0.1,"syaw":1}\n{"class":"POSE","lat":48}\n'
     data += b'{"class":"VEL","vn":1,"ve":2}\n{"class":"BODYVEL","vx":3}\n{"class":"POSE","lat":91,"lon":11}\n'

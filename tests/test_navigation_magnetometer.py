@@ -10,7 +10,7 @@ from imud.configuration.settings import Aiding, Initial, Navigation, Noise, Sett
 from imud.estimators import registry
 from imud.estimators.records import HEADING_VALID, MAGNETOMETER, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
 from imud.pipeline import Filter
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 from imud.tables.inputs import read_aiding
 
 EARTH = np.array([20.9e-6, 1.6e-6, 43.4e-6])  # T, NED, near Munich
@@ -185,7 +185,7 @@ def test_a_reading_without_field_or_place_changes_nothing():
 
 def test_a_magnetometer_in_a_datagram_and_in_a_table(tmp_path):
     sources = registry.by_name("navigation").sources
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     values = ('"x":20,"y":-1.5,"z":43', '"x":20,"y":1', '"x":48000,"y":0,"z":0')
     lines = "\n".join(f'{{"class":"MAG",{each}}}' for each in values).encode()
     [(source, row)] = receiver.decode(lines, sources, 5, 5)

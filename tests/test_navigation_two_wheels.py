@@ -9,7 +9,7 @@ from test_navigation_odometer import without
 from imud.configuration.settings import Aiding, Settings
 from imud.estimators import registry
 from imud.estimators.records import MEASUREMENT, ODOMETER, ODOMETER_SOURCE, WHEEL_YAW_RATE
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 
 TRACK_M = 1.4
 SETTINGS = Settings(aiding=Aiding(track_width_m=TRACK_M))
@@ -116,7 +116,7 @@ def test_without_a_track_width_two_wheels_are_their_mean():
 def test_a_datagram_has_one_speed_or_two():
     sources = registry.by_name("navigation").sources
     lines = ['{"class":"ODO","speed":1}', '{"class":"ODO","left":1,"right":2}', '{"class":"ODO","left":1}']
-    receiver = AidingReceiver()
+    receiver = DatagramDecoder()
     one, two = (row for _, row in receiver.decode("\n".join(lines).encode(), sources, 10**9, 10**18))
     np.testing.assert_array_equal(one["value"][0, :2], [1.0, np.nan])
     np.testing.assert_array_equal(two["value"][0, :2], [1.5, -1.0])

@@ -67,9 +67,9 @@ def test_headings_change_nothing_about_the_fixes():
 
 def test_a_receivers_headings_go_to_the_filter_as_measurements():
     receiver = Receiver(Nmea(), Gnss(latency_s=0.2), 0)
-    receiver.take(gga("115959.000"), 4 * SECOND)  # the age of a first one is not known
-    receiver.take(gga() + line("GPHDT,90.0,T") + line("PASHR,120000.00,180.0,T,0,0,0,0,0,0.5,1,1"), 5 * SECOND)
-    receiver.take(line("GPHDT,270.0,T") + line("GPHDT,271.0,T"), 7 * SECOND)
+    receiver.feed(gga("115959.000"), 4 * SECOND)  # the age of a first one is not known
+    receiver.feed(gga() + line("GPHDT,90.0,T") + line("PASHR,120000.00,180.0,T,0,0,0,0,0,0.5,1,1"), 5 * SECOND)
+    receiver.feed(line("GPHDT,270.0,T") + line("GPHDT,271.0,T"), 7 * SECOND)
     first, second, third = receiver.measured
     assert first.t_ns == second.t_ns == 5 * SECOND - 200_000_000  # the epoch's, which is the latency before its arrival
     assert third.t_ns == 7 * SECOND - 200_000_000

@@ -32,10 +32,10 @@ from imud.estimators.records import (
 from imud.outputs.nmea import _PTY_BACKLOG, NmeaOutput
 from imud.outputs.nmea_sentences import sentences
 from imud.outputs.view import View
-from imud.sensors.readings import Gnss
+from imud.sensors.readings import ReceiverReport
 
 ALL = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
-GNSS = Gnss(satellites=7, hdop=1.25, quality=1, alt_msl=80.0, geoid_sep=20.0, age_s=0.1)
+GNSS = ReceiverReport(satellites=7, hdop=1.25, quality=1, alt_msl=80.0, geoid_sep=20.0, age_s=0.1)
 SECOND_NS = 1_000_000_000
 
 

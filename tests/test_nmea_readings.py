@@ -99,7 +99,7 @@ def test_a_coarse_last_digit_is_the_sigma():
     assert (coarse.sigma, fine.sigma, tenth.sigma) == (pytest.approx(100.0), None, None)
     assert whole.sigma == pytest.approx(KNOT)
     receiver = Receiver(Nmea(), Gnss(), 0)
-    receiver.take(line("YXXDR,P,1.01325,B,STNP") + line("YXXDR,P,1.013,B,STNP"), SECOND)
+    receiver.feed(line("YXXDR,P,1.01325,B,STNP") + line("YXXDR,P,1.013,B,STNP"), SECOND)
     heights = [each.row(SOURCES) for each in receiver.measured]
     assert heights[0]["value"][0, 0] == pytest.approx(0.0, abs=1e-6)
     assert heights[1]["value"][0, 0] - heights[0]["value"][0, 0] == pytest.approx(25 * 0.0832, rel=2e-3)
@@ -110,7 +110,7 @@ def test_speeds_and_pressures_are_of_their_arrival_and_a_water_speed_needs_to_kn
     sentences = gga() + line("VDVBW,4.0,,A,5.0,,A") + line("IIVHW,,T,,M,6.0,N,,K") + line("IIXDR,P,1.02,B,Barometer")
     by_default, afloat = Receiver(Nmea(), Gnss(), 0), Receiver(Nmea(), Gnss(), 0, aiding=Aiding(current_mps=0.5))
     for receiver in (by_default, afloat):
-        receiver.take(sentences, 5 * SECOND)
+        receiver.feed(sentences, 5 * SECOND)
     assert [each.source for each in by_default.measured] == ["odometer", "barometer"]
     rows = [each.row(SOURCES) for each in afloat.measured]
     assert [row["sigma"][0, 1] for row in rows[:3]] == pytest.approx([0.5, np.nan, 0.5], nan_ok=True)
@@ -140,7 +140,7 @@ def test_a_line_without_positions_is_a_sensor():
 
 def test_fixes_of_a_sensor_that_is_a_receiver_are_not_used():
     sensor = Receiver(Nmea(), Gnss(), 0, positions=False)
-    assert not sensor.take(gga() + rmc() + gga("120001.000"), SECOND) and not sensor.heard
+    assert not sensor.feed(gga() + rmc() + gga("120001.000"), SECOND) and not sensor.fix_count
     assert sensor.decoder.status.arrival_ns == SECOND  # the daemon sees it by that
 
 

@@ -69,7 +69,7 @@ def test_fixes_of_a_slow_receiver(sysfs, pulsed, error_ns):
         (sysfs / "pps0/assert").write_text(f"{REAL_NS // SECOND_NS + second}.000000000#{second}")
         body = f"GPGGA,1200{second:02d}.00,4700.0000,N,00800.0000,E,1,09,0.9,400.0,M,48.0,M,,"
         checksum = np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8))
-        fixes = receiver.take(f"${body}*{checksum:02X}\r\n".encode(), now_ns[0])
+        fixes = receiver.feed(f"${body}*{checksum:02X}\r\n".encode(), now_ns[0])
         now_ns[0] += 300_000_000
         fixes += receiver.flush(now_ns[0])
         errors += [int(fix["t_ns"][0]) - second * SECOND_NS for fix in fixes]

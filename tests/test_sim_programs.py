@@ -18,7 +18,7 @@ from imud.firmware_sim.faults.wire import Wire
 from imud.firmware_sim.motion import Trajectory, rotation
 from imud.firmware_sim.programs import KINDS, Program
 from imud.firmware_sim.scenarios import SCENARIOS
-from imud.sensors.aiding import AidingReceiver
+from imud.sensors.aiding import DatagramDecoder
 
 CAR = Trajectory(SCENARIOS["car"](0.0, 0.0, 0.0), 35.6, 139.7, 60.0)
 UTC = 1.7e9
@@ -56,7 +56,7 @@ def test_each_sends_what_the_daemon_decodes(name):
     known = registry.by_name("navigation").sources
     for message in said(name, 5.0, ideal=False)[1]:
         now_ns = round(1e9 * (message["t"] + 0.02))
-        [(source, rows)] = AidingReceiver().decode(json.dumps(message).encode(), known, 10**12, now_ns)
+        [(source, rows)] = DatagramDecoder().decode(json.dumps(message).encode(), known, 10**12, now_ns)
         assert source.name == name and rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
 
 

@@ -164,11 +164,11 @@ def test_interference_is_reported(data, jamming, spoofing):
 def test_forged_signals_are_a_fault_and_their_fixes_are_refused():
     receiver = Receiver(by_name("ubx"), Gnss(), 0)
     spoofed = message("NAV", "NAV-STATUS", iTOW=ITOW, spoofDetState=3)
-    assert receiver.take(pvt() + spoofed + eoe(), 0) == []
+    assert receiver.feed(pvt() + spoofed + eoe(), 0) == []
     assert receiver.refused == {"spoofing": 1}
     assert any("spoofing" in fault for fault in receiver.faults(0))
     hint, now_ns = message("NAV", "NAV-STATUS", iTOW=ITOW + 200, spoofDetState=2), 4_000_000_000
-    assert len(receiver.take(pvt(ITOW + 200) + hint + eoe(ITOW + 200), now_ns)) == 1
+    assert len(receiver.feed(pvt(ITOW + 200) + hint + eoe(ITOW + 200), now_ns)) == 1
     assert any("signs of spoofing" in fault for fault in receiver.faults(now_ns))
 
 

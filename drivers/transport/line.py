@@ -33,7 +33,7 @@ class Line(DialoguePort, Protocol):
 
 
 @runtime_checkable
-class Known(Protocol):
+class KnownDevice(Protocol):
     """The additional interface of a line whose device is known and needs no configuration."""
 
     @property

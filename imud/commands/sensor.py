@@ -10,7 +10,7 @@ from imud.drivers.driver import Done, Identity, Service, ServiceDriver
 from imud.drivers.errors import PortError, SpecError
 from imud.drivers.registry import by_name, drivers
 from imud.drivers.transport.dialogue_runner import run_dialogue
-from imud.drivers.transport.line import Known, Line, open_line
+from imud.drivers.transport.line import KnownDevice, Line, open_line
 from imud.drivers.transport.portspec import PortSpec
 
 from ..daemon.ports import failure
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _serve(line: Line, spec: PortSpec, args: argparse.Namespace) -> Done:
-    if isinstance(line, Known):
+    if isinstance(line, KnownDevice):
         raise UsageError(f"{spec.path}: a recording has no services; name the port of a device")
     found = run_dialogue(line, search(spec))
     if not isinstance(found, Identity):

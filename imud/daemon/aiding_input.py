@@ -6,7 +6,7 @@ from typing import Any
 from ..configuration.settings import Settings
 from ..process.log import get_logger
 from ..recording.control import Recordings
-from ..sensors.aiding import AidingReceiver
+from ..sensors.aiding import DatagramDecoder
 from ..sensors.estimator_selection import EstimatorSelection
 from .aiding_socket import LONGEST, AidingSocket, Poller
 from .change_logger import ChangeLogger
@@ -27,7 +27,7 @@ class AidingInput:
             from .iio_reader import IioReader
 
             self._inputs.append(IioReader(settings.aiding.iio, settings.aiding.iio_rate_hz, poller))
-        self._receiver = AidingReceiver()
+        self._decoder = DatagramDecoder()
         self._selection, self._recordings = selection, recordings
         self._log = get_logger().bind(aiding=self._address)
         self._change_logger = ChangeLogger(self._log)
@@ -44,12 +44,12 @@ class AidingInput:
         for data in (data for each in self._inputs for data in each.datagrams()):
             now_ns, unix_ns = time.monotonic_ns(), time.time_ns()
             if data is None:
-                self._receiver.refuse("length", f"a datagram of more than {LONGEST} bytes")
+                self._decoder.refuse("length", f"a datagram of more than {LONGEST} bytes")
             elif (inertial := self._selection.inertial) is None:
-                self._receiver.refuse("early", "there is no inertial sensor yet")
+                self._decoder.refuse("early", "there is no inertial sensor yet")
             else:
                 filter_ = inertial.pipeline.filter
-                for source, measurement in self._receiver.decode(data, filter_.estimator.sources, now_ns, unix_ns):
+                for source, measurement in self._decoder.decode(data, filter_.estimator.sources, now_ns, unix_ns):
                     innovations = shares.fuse(source.name, filter_, filter_.aid, measurement)
                     statistics.add(innovations)
                     if recorder := self._recordings.current:
@@ -57,18 +57,18 @@ class AidingInput:
 
     def tick(self, now_ns: int) -> None:
         """Call several times a second: logs what is new."""
-        self._receiver.update(now_ns)
-        for text in self._receiver.messages:
+        self._decoder.update(now_ns)
+        for text in self._decoder.messages:
             self._log.info(text)
-        self._receiver.messages.clear()
+        self._decoder.messages.clear()
         for each in self._inputs:
             while each.messages:
                 self._log.info(each.messages.popleft())
-        self._change_logger.faults("aiding", self._receiver.faults(now_ns), now_ns)
+        self._change_logger.faults("aiding", self._decoder.faults(now_ns), now_ns)
 
     def properties(self, now_ns: int) -> dict[str, Any]:
         """What `imud status` shows."""
-        return {"address": self._address, **self._receiver.properties(now_ns)}
+        return {"address": self._address, **self._decoder.properties(now_ns)}
 
     def close(self) -> None:
         for each in self._inputs:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from imud.drivers.driver import AnyDriver, GnssConfigured, GnssDriver, ImuConfigured, ImuDriver
 from imud.drivers.errors import PortEndedError, PortLostError
 from imud.drivers.registry import by_name
-from imud.drivers.transport.line import Known
+from imud.drivers.transport.line import KnownDevice
 
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
@@ -32,7 +32,7 @@ from .descriptors import Descriptors
 from .fast_loop import FastLoop
 from .in_use import InUse, SensorsInUse
 from .ports import Configured, Port
-from .spares import OF_SPARES, Spares
+from .spares import SPARE_ESTIMATOR, Spares
 from .state_store import StateStore, calibration_of
 from .stream_check import StreamCheck
 
@@ -81,7 +81,7 @@ class Devices:
 
     def possible_estimators(self) -> list[str]:
         """The names of those that may run: for the sensor in use, and for spares."""
-        return [*self.selection.choice.possible, *([OF_SPARES] if len(self.ports) > 1 else [])]
+        return [*self.selection.choice.possible, *([SPARE_ESTIMATOR] if len(self.ports) > 1 else [])]
 
     def configure(self, settings: Settings) -> None:
         """Take over the hot keys of new settings."""
@@ -155,7 +155,7 @@ class Devices:
         self._stream_check.tick(gap_ns, now_ns)
         for port, sensor in [*self.in_use.all(), *self.spares.sensors.items()]:
             silent = now_ns > self._stream_check.silent_from_ns(sensor)
-            if silent and not isinstance(port.line, Known):  # a recording may have gaps, after which it continues
+            if silent and not isinstance(port.line, KnownDevice):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
         for port in [port for port, sensor in self.in_use.sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
@@ -274,8 +274,8 @@ class Devices:
     def _keep_as_spare(self, port: Port, driver: AnyDriver, configured: Configured, used: Port) -> None:
         """A device of a kind of which one is in use: an inertial sensor is compared with it, any other is closed."""
         what = f"a spare, for when {used.spec.path}, the {_PARTS[driver.kind]}, is away"
-        imu = self.in_use.imu
-        if driver.kind != "imu" or not isinstance(configured, ImuConfigured) or not imu or isinstance(port.line, Known):
+        imu, is_replayed = self.in_use.imu, isinstance(port.line, KnownDevice)
+        if is_replayed or not imu or driver.kind != "imu" or not isinstance(configured, ImuConfigured):
             self._closed_spares[driver.kind].add(port)
             port.release(what)
             return
@@ -323,9 +323,7 @@ class Devices:
             self._log.info("ended", samples=self.selection.inertial.samples, **self.selection.inertial.totals())
 
     def _describe(self) -> None:
-        self.described = tuple(
-            _described(port, port.configured) for port, _ in self.in_use.by_kind().values() if port.configured
-        )
+        self.described = self.in_use.described()
 
     def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
         """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
@@ -339,15 +337,3 @@ def _corrections(source: str) -> "Corrections":
     from .corrections import Corrections  # here, as few users need it: it would cost the others memory
 
     return Corrections(source)
-
-
-def _described(port: Port, configured: Configured) -> Device:
-    identity = configured.identity
-    return Device(
-        path=port.spec.path,
-        driver=identity.driver,
-        bps=identity.baud or None,
-        model=identity.model,
-        serial=identity.serial,
-        activated_s=time.time(),
-    )

@@ -95,7 +95,7 @@ class IioReader:
 
 
 def datagram(kind: str, values: tuple[float, ...], unix_s: float) -> bytes:
-    """A reading, Pa or T, in the format of `AidingReceiver`."""
+    """A reading, Pa or T, in the format of `DatagramDecoder`."""
     if kind == BAROMETER:
         return json.dumps({"class": "BARO", "pressure": values[0], "t": unix_s}).encode()
     x, y, z = (1e6 * value for value in values)

@@ -1,8 +1,12 @@
 """The sensors in use: one inertial sensor, one receiver, and sensors that have no positions."""
 
+import time
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 
+from imud.drivers.driver import Identity
+
+from ..outputs.view import Device
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
 from .ports import Port
@@ -34,6 +38,22 @@ class SensorsInUse:
         """Everything that streams."""
         return [*self.by_kind().values(), *self.sensors.items()]
 
+    def described(self) -> tuple[Device, ...]:
+        """The inertial sensor and the receiver that stream, as the clients see them."""
+        ports = [used.port for used in self.by_kind().values()]
+        return tuple(_described(port.spec.path, port.configured.identity) for port in ports if port.configured)
+
     def receivers(self) -> list[Receiver]:
         """The receiver, and the sensors with a receiver's protocol."""
         return [*([self.gnss.sensor] if self.gnss else []), *self.sensors.values()]
+
+
+def _described(path: str, identity: Identity) -> Device:
+    return Device(
+        path=path,
+        driver=identity.driver,
+        bps=identity.baud or None,
+        model=identity.model,
+        serial=identity.serial,
+        activated_s=time.time(),
+    )

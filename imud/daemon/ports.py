@@ -25,7 +25,7 @@ from imud.drivers.errors import (
 from imud.drivers.findings import Finding, UnrecognisedData
 from imud.drivers.registry import by_name
 from imud.drivers.transport.dialogue_runner import DialogueRunner
-from imud.drivers.transport.line import Known, Line, check_port, open_line
+from imud.drivers.transport.line import KnownDevice, Line, check_port, open_line
 from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, ImudError, InputOutputError, PermissionDeniedError
@@ -178,7 +178,7 @@ class Port:
             return
         self._enter(PortEvent.OPENED)
         self._owner.watch(self, self._line.fd)
-        if isinstance(self._line, Known):
+        if isinstance(self._line, KnownDevice):
             self._enter(PortEvent.IDENTIFIED)
             self._on_configured(by_name(self._line.configured.identity.driver), self._line.configured)
             return

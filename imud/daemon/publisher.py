@@ -49,7 +49,7 @@ class Publisher:
     def on_fixes(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""
         if fixes and self._devices.in_use.gnss:
-            self._outputs.publish_fix(self._devices.in_use.gnss.sensor.used_last, latency_s)
+            self._outputs.publish_fix(self._devices.in_use.gnss.sensor.last_used_fix, latency_s)
         if (inertial := self._devices.selection.inertial) is None:
             return
         for fix in fixes:
@@ -101,7 +101,7 @@ class Publisher:
             return view
         receiver = self._devices.in_use.gnss.sensor
         view = view._replace(gnss=receiver.view(now_ns))
-        if (fix := receiver.fresh(now_ns)) is None:
+        if (fix := receiver.fresh_fix(now_ns)) is None:
             return view
         from .receiver_solution import solution  # here, as it imports the whole navigation filter
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .ports import Port
 
 
-OF_SPARES = choices.WITHOUT_GYROS  # their estimator
+SPARE_ESTIMATOR = choices.NO_GYRO_ESTIMATOR  # their estimator
 
 
 class Spares:
@@ -61,7 +61,7 @@ class Spares:
         self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was)}
         self._known[path] = calibration
         own = choices.settings_for(settings, configured.identity, number)
-        filter_ = Filter(registry.by_name(OF_SPARES), own, Initial(), configured.rate_hz)
+        filter_ = Filter(registry.by_name(SPARE_ESTIMATOR), own, Initial(), configured.rate_hz)
         filter_.calibrate(calibration)
         spare = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
         spare.connect(port.line, driver, configured, now_ns)

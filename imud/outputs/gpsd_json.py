@@ -22,7 +22,7 @@ from imud.estimators.records import (
     REJECTING,
     SATURATED,
 )
-from imud.sensors.readings import NO_VECTOR, Gnss
+from imud.sensors.readings import NO_VECTOR, ReceiverReport
 
 from .gpsd_fix import fix_object
 from .gpsd_objects import Numbers, head, line, quoted, time_of
@@ -67,7 +67,7 @@ def _motion(s: State) -> Vector:
     return track, speed, 0.0 - vd, epd if known else NAN, _NORMAL95 * along, _NORMAL95 * sd
 
 
-def _altitude_msl(s: State, gnss: Gnss | None) -> float:
+def _altitude_msl(s: State, gnss: ReceiverReport | None) -> float:
     if gnss is None or not math.isfinite(s.height):
         return NAN
     return s.height - gnss.geoid_sep if math.isfinite(gnss.geoid_sep) else gnss.alt_msl
@@ -178,7 +178,7 @@ def _out_of_limits(names: tuple[str, ...]) -> str:
 
 
 def _est(view: View, s: State) -> str:
-    gnss = view.gnss or Gnss()
+    gnss = view.gnss or ReceiverReport()
     numbers = _EST(
         s.lat, s.lon, s.height, *s.v, *euler(s.q_nb), *s.sigma_p, *s.sigma_v, *s.sigma_rpy, *s.q_nb,
         *s.bg, *s.ba, *s.sigma_bg, *s.sigma_ba, gnss.age_s, NAN if gnss.quality is None else gnss.quality,

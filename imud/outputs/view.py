@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from imud.estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
-from imud.sensors.readings import NO_VECTOR, ClockFit, Gnss
+from imud.sensors.readings import NO_VECTOR, ClockFit, ReceiverReport
 
 NAN = math.nan
 _GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
@@ -60,7 +60,7 @@ class View(NamedTuple):
     seq: int = 0
     estimator: str = ""  # empty: the solution is the receiver's, or there is none
     devices: tuple[Device, ...] = ()  # the first is named as the source of the messages
-    gnss: Gnss | None = None
+    gnss: ReceiverReport | None = None
     temperature: float = NAN  # of the inertial sensor, degC
     emulated: bool = False
     health: Health = Health()

@@ -164,11 +164,11 @@ class Player:
 
     def _receive(self, receiver: Receiver, raw: Raw) -> None:
         self.now_ns, self._pulse.pulse_ns = raw.t_ns, raw.pulse_ns
-        fixes = receiver.take(raw.data, raw.t_ns) if raw.data else receiver.flush(raw.t_ns)
+        fixes = receiver.feed(raw.data, raw.t_ns) if raw.data else receiver.flush(raw.t_ns)
         if fixes or receiver.measured:
             self._steps.flush()
         for fix in fixes:
-            self.reported = receiver.used_last if fix is fixes[-1] else None
+            self.reported = receiver.last_used_fix if fix is fixes[-1] else None
             self._on_fix(fix)
             self._update(fix)
         self._measured(receiver)

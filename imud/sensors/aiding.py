@@ -21,7 +21,7 @@ from .rate import RateMeter
 
 
 @dataclass(frozen=True)
-class Measured:
+class NamedMeasurement:
     """A measurement by names and columns, as in a table."""
 
     source: str
@@ -56,7 +56,7 @@ class _RefusedError(ValueError):
         self.rule = rule
 
 
-class Received:
+class SourceCounter:
     """What came of one source."""
 
     def __init__(self) -> None:
@@ -80,12 +80,12 @@ class Received:
         return {"received": self.count, "rate_hz": self.rate.hz, "age_s": age_s}
 
 
-class AidingReceiver:
+class DatagramDecoder:
     """Datagrams to measurements. Not thread-safe; all times are monotonic nanoseconds."""
 
     def __init__(self) -> None:
         self.messages: list[str] = []  # what is new, until the daemon has logged it
-        self._received: dict[str, Received] = {}
+        self._received: dict[str, SourceCounter] = {}
         self._refused = Counter[str]()
 
     def decode(
@@ -125,7 +125,7 @@ class AidingReceiver:
         measurement = np.zeros(1, MEASUREMENT)
         source.fill(measurement[0], row)
         measurement["t_ns"], measurement["arrival_ns"] = _epoch_ns(t_s, now_ns, unix_ns), now_ns
-        received = self._received.setdefault(source.name, Received())
+        received = self._received.setdefault(source.name, SourceCounter())
         if not received.add(now_ns):
             raise _RefusedError("rate", f"{source.name}: more than {RATE_HZ_MAX} per second")
         if received.count == 1:

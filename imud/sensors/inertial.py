@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from imud.drivers.driver import ImuConfigured, ImuDriver
-from imud.drivers.transport.line import Known, Line
+from imud.drivers.transport.line import KnownDevice, Line
 
 from ..pipeline import InertialPipeline
 from ..sensor_errors.profiles import SampleSigma, profile_of, sample_sigmas
@@ -49,7 +49,7 @@ class Inertial:
         self._room = pipeline.rx.data
         self._line: Line | None = None
         self._fault_texts: Mapping[int, str] = {}
-        self._complained: int | None = None  # status word of the first frame, which the driver has reported
+        self._initial_status: int | None = None  # status word of the first frame, which the driver has reported
 
     def connect(
         self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, first_flags: int = 0
@@ -60,9 +60,9 @@ class Inertial:
         self.pipeline.restart(driver.new_state(configured), configured, first_flags)
         self._line = line
         self.pipeline.record["last_data_ns"] = now_ns
-        self._fault_texts, self._complained = driver.fault_texts, None
+        self._fault_texts, self._initial_status = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
-        by_itself = configured.request is None and not isinstance(line, Known)
+        by_itself = configured.request is None and not isinstance(line, KnownDevice)
         self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
         self.has_gyros, self.has_quartz = all(configured.gyro_axes), configured.has_quartz
@@ -131,7 +131,7 @@ class Inertial:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         beyond = (_BEYOND[name] for name in self.out_of_limits())
-        return (*damaged, *beyond, *words(recent_findings(self.pipeline.filter.health)), *self._complains())
+        return (*damaged, *beyond, *words(recent_findings(self.pipeline.filter.health)), *self._reported_faults())
 
     def out_of_limits(self) -> tuple[str, ...]:
         """Which quantities are beyond their limits, by their names in `LIMITS`."""
@@ -145,18 +145,18 @@ class Inertial:
         )
         return tuple(name for name, value, sigma in shown if is_beyond(name, value, sigma))
 
-    def _complains(self) -> tuple[str, ...]:
+    def _reported_faults(self) -> tuple[str, ...]:
         """Faults that the sensor itself has reported since it began to stream."""
         status = int(self.pipeline.decoder["status"][0])
-        if self._complained is None and self.pipeline.decoder["frames"][0] > 0:
-            self._complained = status
-        self._complained = status & (self._complained or 0)
-        if status == self._complained:
+        if self._initial_status is None and self.pipeline.decoder["frames"][0] > 0:
+            self._initial_status = status
+        self._initial_status = status & (self._initial_status or 0)
+        if status == self._initial_status:
             return ()
         return tuple(
             self._fault_texts.get(1 << bit, f"the sensor sets bit {bit} of its status word, meaning not known")
             for bit in range(16)
-            if (status & ~self._complained) >> bit & 1
+            if (status & ~self._initial_status) >> bit & 1
         )
 
     def clock_fit(self) -> ClockFit:

@@ -8,7 +8,7 @@ from imud.drivers.fix import Fix, Sky
 NO_VECTOR = (nan, nan, nan)
 
 
-class Gnss(NamedTuple):
+class ReceiverReport(NamedTuple):
     """What the receiver said with its last fix that the solution does not hold."""
 
     satellites: int | None = None  # in use

@@ -12,7 +12,7 @@ from ..clocks.epochs import EpochClock
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
 from ..math.arrays import Records
-from .aiding import Measured, Received
+from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
 from .gnss import IMPOSSIBLE, Refusal, record, refusal
@@ -20,7 +20,7 @@ from .limits import BY_SETTING, LIMITS, is_beyond
 from .loss import HIGH, LossMonitor
 from .nmea_aiding import measured_of
 from .rate import RateMeter
-from .readings import Gnss
+from .readings import ReceiverReport
 
 SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
@@ -70,26 +70,26 @@ class Receiver:
         self.settings = settings
         self.byte_sink: ByteSink | None = None
         self._verdict: str | None = None  # the rule that refuses them
-        self._dissent = 0  # fixes in sequence of another verdict
+        self._dissent_count = 0  # fixes in sequence of another verdict
         self._room = memoryview(bytearray(READ_BYTES))
         self._epochs = EpochClock(settings.latency_s)
         self._consistency = FixConsistency()
         self._last: Fix | None = None
-        self._used_last: Fix | None = None
+        self._last_used_fix: Fix | None = None
         self._row: Records | None = None  # the same for the filter
         self._jumped_ns: int | None = None
-        self._backward = 0  # fixes in sequence, each of an earlier time than the one before
-        self._leaps = 0  # fixes in sequence, each of a time that has not gone on as the arrival
+        self._backward_count = 0  # fixes in sequence, each of an earlier time than the one before
+        self._leap_count = 0  # fixes in sequence, each of a time that has not gone on as the arrival
         self._connected_ns = now_ns
-        self.received: dict[str, Received] = {}  # of its readings, by aiding source
-        self.measured: list[Measured] = []  # of its readings; who uses them empties it
+        self.received: dict[str, SourceCounter] = {}  # of its readings, by aiding source
+        self.measured: list[NamedMeasurement] = []  # of its readings; who uses them empties it
 
     def read(self, line: Line, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
         received, arrival_ns = line.receive(self._room, now_ns)
-        return self.take(bytes(self._room[:received]), arrival_ns) if received else []
+        return self.feed(bytes(self._room[:received]), arrival_ns) if received else []
 
-    def take(self, data: bytes, now_ns: int) -> list[Records]:
+    def feed(self, data: bytes, now_ns: int) -> list[Records]:
         """The same for bytes that came at `now_ns`."""
         pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
         if self.byte_sink is not None:
@@ -100,7 +100,7 @@ class Receiver:
         return self._accepted(fixes, now_ns, pulse_ns)
 
     @property
-    def heard(self) -> int:
+    def fix_count(self) -> int:
         """Fixes since this connection, used or not."""
         return self.used + self.refused.total()
 
@@ -120,17 +120,17 @@ class Receiver:
         for fix in fixes if self.positions else ():
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
-            self._backward = self._backward + 1 if self._last and runs_backward(self._last, fix) else 0
-            self._leaps = self._leaps + 1 if self._last and leaps(self._last, fix) else 0
+            self._backward_count = self._backward_count + 1 if self._last and runs_backward(self._last, fix) else 0
+            self._leap_count = self._leap_count + 1 if self._last and leaps(self._last, fix) else 0
             self._last = fix
             t_ns = 0 if fix.utc_s is None else self._epochs.epoch_ns(fix.utc_s, fix.arrival_ns, pulse_ns)
             row = record(fix, t_ns, now_ns)
             refused = refusal(fix, self.settings) or self._contradiction(row)
-            self._judge(refused)
+            self._update_verdict(refused)
             if refused:
                 self.refused[refused.rule] += 1
             else:
-                self._used_last = fix
+                self._last_used_fix = fix
                 rows.append(self._consistency.without_wrong_velocity(row))
                 self._row = rows[-1]
                 if fix.heading_deg is not None:
@@ -146,7 +146,7 @@ class Receiver:
         """Why a fix that the settings allow cannot be right."""
         if not self._epochs.is_known:
             return _QUEUE
-        if max(self._backward, self._leaps) >= STEADY:
+        if max(self._backward_count, self._leap_count) >= STEADY:
             return _CLOCK
         self._consistency.add(row)
         return FROZEN if self._consistency.is_frozen else None
@@ -163,28 +163,28 @@ class Receiver:
             if not self._epochs.is_known:
                 return
         source, values = measured
-        self.received.setdefault(source, Received()).add(reading.arrival_ns)
-        self.measured.append(Measured(source, values, t_ns, reading.arrival_ns))
+        self.received.setdefault(source, SourceCounter()).add(reading.arrival_ns)
+        self.measured.append(NamedMeasurement(source, values, t_ns, reading.arrival_ns))
         del self.measured[:-_MEASURED_MAX]
 
     @property
-    def used_last(self) -> Fix:
+    def last_used_fix(self) -> Fix:
         """The last fix that was used; there must have been one."""
-        assert self._used_last is not None
-        return self._used_last
+        assert self._last_used_fix is not None
+        return self._last_used_fix
 
-    def fresh(self, now_ns: int) -> Records | None:
+    def fresh_fix(self, now_ns: int) -> Records | None:
         """The last fix that was used, as it goes to the filter; None if it is stale."""
         if self._row is None or now_ns - int(self._row["arrival_ns"][0]) > STALE_FIX_NS:
             return None
         return self._row
 
-    def _judge(self, refused: Refusal | None) -> None:
+    def _update_verdict(self, refused: Refusal | None) -> None:
         """Make news of a changed verdict, once several fixes in sequence share it."""
         verdict = refused.rule if refused else None
-        self._dissent = 0 if verdict == self._verdict else self._dissent + 1
-        if self._dissent == STEADY:
-            self._verdict, self._dissent = verdict, 0
+        self._dissent_count = 0 if verdict == self._verdict else self._dissent_count + 1
+        if self._dissent_count == STEADY:
+            self._verdict, self._dissent_count = verdict, 0
             self.message = f"the fixes are refused: {refused}" if refused else "the fixes are used again"
 
     def properties(self, now_ns: int) -> dict[str, object]:
@@ -211,7 +211,7 @@ class Receiver:
 
     def update(self, now_ns: int) -> None:
         """Call now and then: how fast fixes come, and how many sentences do not."""
-        self.rate.update(self.heard, now_ns)
+        self.rate.update(self.fix_count, now_ns)
         for received in self.received.values():
             received.rate.update(received.count, now_ns)
         self._loss_monitor.update(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
@@ -222,9 +222,9 @@ class Receiver:
         status = self.decoder.status
         velocity = f"receiver: {self._consistency.fault}" if self._consistency.fault else ""
         interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
-        return tuple(text for text in (self._trouble(now_ns), velocity, damaged, *interference) if text)
+        return tuple(text for text in (self._fix_fault(now_ns), velocity, damaged, *interference) if text)
 
-    def _trouble(self, now_ns: int) -> str:
+    def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
         status = self.decoder.status
         if not self.positions:
@@ -237,9 +237,9 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             return "receiver: says that it has a fix, but tells no new one"
-        if self._backward >= STEADY:
+        if self._backward_count >= STEADY:
             return "receiver: its time runs backward"
-        if self._leaps >= STEADY:
+        if self._leap_count >= STEADY:
             return "receiver: its time jumps from fix to fix"
         if self._consistency.is_frozen:
             return "receiver: its position has never changed although its velocity says that it moves"
@@ -259,12 +259,12 @@ class Receiver:
         stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
-    def view(self, now_ns: int) -> Gnss | None:
+    def view(self, now_ns: int) -> ReceiverReport | None:
         """The last fix, for those who publish it; None before the first."""
         fix = self._last
         if fix is None:
             return None
-        return Gnss(
+        return ReceiverReport(
             satellites=fix.satellites,
             hdop=math.nan if fix.hdop is None else fix.hdop,
             quality=fix.quality,
@@ -273,7 +273,7 @@ class Receiver:
             age_s=(now_ns - fix.arrival_ns) * 1e-9,
             sky=self.decoder.sky,
             fix=b"" if self._row is None else self._row.tobytes(),
-            reported=self._used_last,
+            reported=self._last_used_fix,
         )
 
 

@@ -17,8 +17,8 @@ from ..estimators import Estimator, registry
 from ..sensor_errors.profiles import PROFILES
 
 RECORDED = "replay:"  # several ports may play one file
-WITHOUT_GYROS = "tilt"  # the estimator for sensors that lack them
-WITH_ONE_GYRO = "riss"  # for those that have the one about z, beside a receiver
+NO_GYRO_ESTIMATOR = "tilt"  # the estimator for sensors that lack them
+ONE_GYRO_ESTIMATOR = "riss"  # for those that have the one about z, beside a receiver
 ONE_GYRO = (False, False, True)
 
 
@@ -96,10 +96,10 @@ class Choice:
         missing = ", ".join(axis for axis, there in zip("xyz", sensor.gyro_axes, strict=True) if not there)
         device = sensor.identity.model or sensor.identity.driver
         if self.fallback is None:
-            other = f" or {WITH_ONE_GYRO}" if sensor.gyro_axes == ONE_GYRO else ""
+            other = f" or {ONE_GYRO_ESTIMATOR}" if sensor.gyro_axes == ONE_GYRO else ""
             raise UsageError(
                 f"the estimator {self.wanted.name!r} needs all gyros, and {device} has none about {missing}: "
-                f"choose --estimator {WITHOUT_GYROS}{other}, or leave the choice to imud"
+                f"choose --estimator {NO_GYRO_ESTIMATOR}{other}, or leave the choice to imud"
             )
         instead = registry.by_name((self.with_one_gyro if sensor.gyro_axes == ONE_GYRO else None) or self.fallback)
         return instead, f"{device} has no gyro about {missing}: {instead.name} instead of {self.wanted.name}"
@@ -114,8 +114,8 @@ def estimators(settings: Settings) -> Choice:
     if settings.estimator != "auto":
         return Choice(registry.by_name(settings.estimator), None)
     if len(settings.ports) > 1:
-        return Choice(registry.by_name("navigation"), WITHOUT_GYROS, WITH_ONE_GYRO)
-    return Choice(registry.by_name("attitude"), WITHOUT_GYROS)
+        return Choice(registry.by_name("navigation"), NO_GYRO_ESTIMATOR, ONE_GYRO_ESTIMATOR)
+    return Choice(registry.by_name("attitude"), NO_GYRO_ESTIMATOR)
 
 
 def settings_for(settings: Settings, identity: Identity, port: int) -> Settings:

@@ -18,7 +18,7 @@ from ..configuration.settings import Settings
 from ..estimators.aiding_source import AidingSource
 from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
-from ..sensors.aiding import Measured
+from ..sensors.aiding import NamedMeasurement
 from ..sensors.nmea_aiding import measured_of
 from .lines import log_lines
 from .nmea_log import DAY_S, read_log
@@ -44,7 +44,7 @@ def readings_of_log(
             day = round((origin + first_ns * 1e-9 - utc_s) / DAY_S)
             t_ns = round((utc_s + day * DAY_S - origin) * 1e9)
             arrival_ns = t_ns + round(settings.gnss.latency_s * 1e9)
-            if (row := Measured(*measured, t_ns, arrival_ns).row(known)) is not None:
+            if (row := NamedMeasurement(*measured, t_ns, arrival_ns).row(known)) is not None:
                 rows.append(row)
     found = np.concatenate(rows)
     return found[np.argsort(found["arrival_ns"], kind="stable")]

@@ -33,7 +33,7 @@ from imud.outputs.gpsd import GpsdServer
         ("unix:gpsd.sock", "unix:gpsd.sock", True),
     ],
 )
-def test_addresses(text, shown, local):
+def test_an_address_is_parsed_and_known_as_local_or_not(text, shown, local):
     address = parse_address(text, 2947)
     assert (address.text, is_local(address)) == (shown, local)
 
@@ -77,7 +77,7 @@ def test_the_port_is_free_again_at_once(loop):
     server.close()
 
 
-def test_ipv6(make_loop):
+def test_a_server_listens_on_ipv6(make_loop):
     try:
         loop = make_loop(listen="[::1]:0")
     except CannotCreateError as error:

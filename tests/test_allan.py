@@ -102,7 +102,7 @@ def test_the_command_and_the_settings_that_the_daemon_reads_back(recording, tmp_
     assert profile.gyro_range == sheet.gyro_range
 
 
-def test_json(recording, capsys):
+def test_json_has_the_noise_that_was_simulated(recording, capsys):
     assert main(["allan", str(recording), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["rate_hz"] == pytest.approx(RATE_HZ)
@@ -110,7 +110,7 @@ def test_json(recording, capsys):
     assert found["gyro_x"]["N"]["value"] == pytest.approx(2 * PROFILES["m-g350"].gyro_noise, rel=0.05)
 
 
-def test_the_page(recording, tmp_path, capsys):
+def test_the_page_draws_the_deviations_on_logarithmic_axes(recording, tmp_path, capsys):
     pytest.importorskip("plotly", reason="plots need the extra imud[plots]")
     page = tmp_path / "allan.html"
     assert main(["allan", str(recording), "-o", str(page)]) == 0
@@ -150,7 +150,7 @@ def test_axes_that_the_sensor_has_not(recording, tmp_path, capsys):
     assert "every axis is constant" in capsys.readouterr().err
 
 
-def test_bad_input(recording, tmp_path, capsys):
+def test_gaps_and_short_recordings_are_refused(recording, tmp_path, capsys):
     lines = recording.read_text().splitlines()
     gaps = tmp_path / "gaps.csv"
     gaps.write_text("\n".join([lines[0], *lines[1:10_000], *lines[11_000:20_000]]))

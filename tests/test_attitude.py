@@ -127,7 +127,9 @@ def test_the_same_samples_give_the_same_bits_in_any_batches():
         ("broad_33_disturbed_attached_magnet_2cm", 0.50, 1.2, 2.0),
     ],
 )
-def test_broad_trials(recordings, monkeypatch, trial, tilt_deg, heading_deg, drift_deg_per_min):
+def test_errors_on_broad_trials_are_below_their_bounds(
+    recordings, monkeypatch, trial, tilt_deg, heading_deg, drift_deg_per_min
+):
     """RMS tilt and heading and heading drift with the default profile; VQF has 0.56 deg, 2.2 deg, 3.9 deg/min."""
     monkeypatch.syspath_prepend(str(recordings))
     import score_attitude

@@ -63,7 +63,7 @@ def test_gyro_bias_lies_within_its_sigma():
     assert 0.8 < np.std(z) < 1.25
 
 
-def test_gyro_slope():
+def test_the_slope_of_the_gyro_bias_over_temperature_is_found():
     samples = recording([np.array([0, 0, -G])], 60.0)
     samples["temperature"] = np.linspace(10.0, 30.0, len(samples))
     true = np.array([1e-4, -2e-4, 0.0])
@@ -80,7 +80,7 @@ def measured(true_forces, bias, matrix):
 
 
 @pytest.mark.parametrize("shape", ["six faces", "with edges"])
-def test_accelerometer(shape):
+def test_bias_and_matrix_of_the_accelerometer_are_found_from_positions(shape):
     bias = np.array([0.1, -0.05, 0.02])
     skew = 0.003 if shape == "with edges" else 0.0
     matrix = np.array([[1.005, skew, -skew], [0.0, 0.997, 2 * skew], [0.0, 0.0, 1.002]])
@@ -275,7 +275,7 @@ def test_a_full_disk_leaves_nothing_behind_and_what_would_hide_a_new_one_is_said
     assert calibration.save(Calibration("y"), [first, second]).parent == second
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command_saves_what_the_daemon_loads(tmp_path, capsys):
     samples = recording([np.array([0, 0, -G])], 20.0)
     samples["temperature"] = 21.5
     t, temperature = samples["t_ns"][:, None] * 1e-9, samples["temperature"][:, None]

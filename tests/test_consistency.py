@@ -103,7 +103,7 @@ def mean_of(squares, part):
 
 
 @pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.7, -0.5, 1.0), (3.0, 0.2, 0.0), (0.0, 1.2, 2.0)])
-def test_tilt(rpy):
+def test_tilt_at_rest_is_consistent(rpy):
     squares, _ = normalised("tilt", "rest", 3.0, (2.5,), rpy=rpy)
     assert_in_band(squares[:, 0, RP])
 
@@ -132,7 +132,7 @@ def test_attitude_on_a_vehicle(scenario, grade):
 
 
 @pytest.mark.parametrize("scenario", ["car", "figure8"])
-def test_navigation(scenario):
+def test_navigation_in_motion_is_consistent(scenario):
     """At 100 Hz: a mean over a period of 20 ms is 10 ms late, which in these curves turns all headings by 0.2 deg."""
     at = (15.0, 30.0, 60.0, 99.0)
     squares, nis = normalised("navigation", scenario, 100.0, at, rate_hz=100.0, grade=PERFECT_GAIN)
@@ -143,7 +143,7 @@ def test_navigation(scenario):
 
 
 @pytest.mark.parametrize("scenario", ["car", "figure8", "turntable"])
-def test_ins9(scenario):
+def test_dead_reckoning_of_ins9_is_consistent(scenario):
     """Still for 5 s, then dead reckoning."""
     squares, _ = normalised("ins9", scenario, 45.0, (4.0, 20.0, 30.0, 44.0))
     assert 0.5 < squares[:, 0, RP].mean() < 1.5
@@ -183,7 +183,7 @@ def test_suh_on_a_car():
     assert adaptive < 1.0 < two_step < standard
 
 
-def test_gps_track():
+def test_gps_track_is_consistent():
     at = tuple(np.arange(20.0, 100.0, 5.0))
     squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0)
     assert np.mean(squares[:, :, P]) > 3.0

@@ -300,7 +300,7 @@ def test_a_hang_up_that_nohup_had_ignored_ends_nothing(tmp_path):
         assert running.wait(TIMEOUT_S) == 0
 
 
-def test_ctrl_c(tmp_path):
+def test_ctrl_c_ends_with_130_and_no_traceback(tmp_path):
     with daemon(tmp_path, "--port", str(tmp_path / "absent")) as imud:
         imud.process.send_signal(signal.SIGINT)
         assert imud.process.wait(TIMEOUT_S) == 130

@@ -53,7 +53,7 @@ def run(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_probe(bench):
+def test_probe_names_the_sensors_of_a_bus(bench):
     bench("g365 g350 --no-identity")
     result = run("probe", "spi:0.0", "spi:0.1", "--json")
     first, second = map(json.loads, result.stdout.splitlines())

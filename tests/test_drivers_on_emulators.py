@@ -59,7 +59,7 @@ def is_right(configured, decoding, seconds, tolerance):
 
 @pytest.mark.parametrize("baud", EPSON_BAUDS)
 @pytest.mark.parametrize("name", MODELS)
-def test_epson(name, baud):
+def test_an_epson_sensor_is_detected_and_sampled_at_every_baud_rate(name, baud):
     wire = device(name, baud)
     found = detected(wire)
     assert found.model == MODELS[name]
@@ -71,7 +71,7 @@ def test_epson(name, baud):
 
 @pytest.mark.parametrize("baud", EPSON_BAUDS)
 @pytest.mark.parametrize("name", ["g350", "g364"])
-def test_epson_polled(name, baud):
+def test_an_epson_sensor_is_polled(name, baud):
     wire = device(name, baud)
     configured, decoding = sampled(wire, detected(wire), rate_hz=125.0, polled=True)
     is_right(configured, decoding, 2.0, 0.005)
@@ -80,7 +80,7 @@ def test_epson_polled(name, baud):
 
 @pytest.mark.parametrize("polled", [False, True])
 @pytest.mark.parametrize("baud", [38400])
-def test_crossbow(baud, polled):
+def test_a_crossbow_is_detected_and_sampled(baud, polled):
     wire = device("rga300", baud, rate_hz=100.0)
     found = detected(wire)
     assert (found.model, found.serial) == ("DMU RGA300CA", "30042")
@@ -91,14 +91,14 @@ def test_crossbow(baud, polled):
 
 
 @pytest.mark.parametrize("baud", [57600, 38400, 19200, 9600])
-def test_seraccel(baud):
+def test_a_seraccel_is_detected_and_sampled_at_every_baud_rate(baud):
     wire = device("seraccel", baud)
     configured, decoding = sampled(wire, detected(wire), 5.0)
     is_right(configured, decoding, 5.0, 0.02)
 
 
 @pytest.mark.parametrize("baud", [4800, 9600, 19200, 38400, 57600, 115200])
-def test_nmea(baud):
+def test_an_nmea_receiver_is_detected_and_read_at_every_baud_rate(baud):
     wire = device("nmea", baud)
     found = detected(wire)
     decoder = by_name("nmea").new_decoder()

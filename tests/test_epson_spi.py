@@ -122,7 +122,7 @@ def test_words_of_two_samples_are_none(count):
 @pytest.mark.parametrize(
     ("flag", "new"), [("fe00", True), ("8000", True), ("0e01", True), ("0000", False), ("0001", False), ("ffff", False)]
 )
-def test_what_is_new(flag, new):
+def test_the_flag_word_tells_whether_a_sample_is_new(flag, new):
     assert fetch(FLAT, FLAT.layouts[0], 1000.0).is_new(bytes.fromhex(flag)) == new
 
 

@@ -110,7 +110,7 @@ def test_python_gps_module(server):
     assert speed == pytest.approx(SPEED_MPS)
 
 
-def test_gpsdclient(server):
+def test_the_library_gpsdclient_reads_the_stream(server):
     gpsdclient = pytest.importorskip("gpsdclient")
     host, _, port = server.rpartition(":")
     with gpsdclient.GPSDClient(host, port, timeout=TIMEOUT_S) as client:
@@ -122,7 +122,7 @@ def test_gpsdclient(server):
     assert messages[7]["roll_deg"] == pytest.approx(ROLL_DEG)
 
 
-def test_gpsd_py3(server):
+def test_the_library_gpsd_py3_reads_a_fix(server):
     gpsd = pytest.importorskip("gpsd")
     host, _, port = server.rpartition(":")
     gpsd.connect(host, int(port))

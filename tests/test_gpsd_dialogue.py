@@ -39,7 +39,7 @@ def requests_of(*chunks: bytes) -> list:
         (b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", []),
     ],
 )
-def test_requests(data, expected):
+def test_requests_are_split_into_command_and_argument(data, expected):
     assert [(request.command, request.argument) for request in requests_of(data)] == expected
 
 

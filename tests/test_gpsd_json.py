@@ -108,7 +108,7 @@ def test_a_climb_of_nothing_has_no_sign():
 
 
 @pytest.mark.parametrize("kind", CLASSES)
-def test_golden_line(kind):
+def test_each_class_is_written_as_its_golden_line(kind):
     assert Report(golden_view()).lines((kind,)).decode() == GOLDEN[kind]
 
 
@@ -210,7 +210,7 @@ def test_altitude_above_the_sea(gnss, expected):
         (ReceiverReport(satellites=9, hdop=0.9, age_s=11.0), {}),
     ],
 )
-def test_satellites(gnss, expected):
+def test_satellites_and_hdop_are_those_of_a_fresh_fix(gnss, expected):
     sky = fields("SKY", golden_view(gnss=gnss, utc_s=None, devices=()))
     assert sky == {"class": "SKY"} | expected
 
@@ -253,7 +253,7 @@ def test_a_track_is_given_only_while_the_vehicle_moves():
     ("status", "words"),
     [(0, "aligning"), (7, "attitude,heading,position"), (1 | 8, "attitude,at-rest"), (7 | 16 | 32, None), (64, None)],
 )
-def test_status_text(status, words):
+def test_status_bits_are_written_as_words(status, words):
     known = {7 | 16 | 32: "attitude,heading,position,coasting,rejecting", 64: "aligning,saturated"}
     assert status_text(status) == (words or known[status])
 

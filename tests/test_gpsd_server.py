@@ -79,7 +79,7 @@ def test_nmea_instead_of_json_or_beside_it(loop):
         (b"?POLL;?VERSION;\n", ["POLL", "VERSION"]),
     ],
 )
-def test_answers(loop, request_, classes):
+def test_each_request_has_its_classes_of_answers(loop, request_, classes):
     loop.publish()
     client = loop.connect()
     client.receive()
@@ -214,7 +214,7 @@ def stream(loop: Loop, client: Client, publish_hz: float, seconds: float, jitter
         (0.5, 100, 0.0, 0.5),
     ],
 )
-def test_mean_rate(loop, rate_hz, publish_hz, jitter, expected):
+def test_the_mean_rate_is_the_one_that_the_client_asked_for(loop, rate_hz, publish_hz, jitter, expected):
     client = loop.connect(b'?WATCH={"json":true,"class":"ATT","rate":%g};' % rate_hz)
     attitudes = [m for m in stream(loop, client, publish_hz, 4.0, jitter) if m["class"] == "ATT"]
     assert len(attitudes) == pytest.approx(4 * expected, abs=2)

@@ -248,7 +248,7 @@ def test_a_sensor_that_is_shaken_without_turning_is_no_fault():
     assert not samples["flags"].any()
 
 
-def test_temperature():
+def test_an_impossible_temperature_is_a_finding_and_a_damaged_word_is_none():
     samples = noisy(1.0, np.random.default_rng(2))
     samples["temperature"] = math.nan  # has none
     assert recent_findings(judged(samples)) == 0

@@ -40,7 +40,7 @@ def test_the_rate_is_the_highest_that_is_not_above_the_wanted_one(available, wan
     assert nearest_rate(available, wanted) == expected
 
 
-def test_triggers():
+def test_a_device_gets_its_own_trigger_or_that_of_imud():
     device = {"name": "bmi160", "trigger/current_trigger": ""}
     timer, own = {"name": "imud", "sampling_frequency": "100.000000"}, {"name": "bmi160-dev0"}
     assert trigger_of({"name": "x"}, {}) == ""
@@ -85,7 +85,7 @@ def connect(name, **options):
     return line, run_dialogue(line, DRIVER.configure(found, Options(**options)))
 
 
-def test_names(kernel):
+def test_a_device_is_found_by_name_label_or_number(kernel):
     devices = kernel("lsm6dso", "bmi160", "bmi160")
     (devices / "iio:device3/label").write_text("left\n")
     assert iio_sysfs.ports() == ["iio:lsm6dso", "iio:device2", "iio:device3"]

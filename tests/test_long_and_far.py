@@ -112,7 +112,7 @@ def resting(lat_deg, lon_deg, n=40, east_mps=0.0):
 
 @pytest.mark.parametrize("name", KNOW_POSITION)
 @pytest.mark.parametrize("lat_deg", [90.0, -90.0, 89.99999, -89.9])
-def test_at_the_poles(name, lat_deg):
+def test_everything_is_finite_at_the_poles(name, lat_deg):
     out, _ = estimated(name, *resting(lat_deg, 30.0), initial=Initial(yaw_deg=0.0))
     out = out[500:]
     assert (out["status"] & POSITION_VALID > 0).all()

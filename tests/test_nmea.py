@@ -312,7 +312,7 @@ def test_a_fix_without_satellites_in_gga_does_not_know_them():
     assert fix_of(gga(rest="2,00,1.3,545.4,M,46.9,M,,") + gns).satellites == 11
 
 
-def test_recognition():
+def test_a_receiver_is_recognised_by_more_than_one_sentence():
     assert DRIVER.recognise(FIX).driver == "nmea"
     assert DRIVER.recognise(FIX_VTG) is None, "one sentence may be chance"
     assert DRIVER.recognise(FIX_VTG[5:] + FIX_VTG + FIX_VTG).model == "NMEA receiver"

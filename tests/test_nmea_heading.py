@@ -43,7 +43,7 @@ def test_a_heading_and_its_sigma(body, degrees, sigma):
     "body",
     ["GPHDT,,T", "GPHDT,12.0,M", "GPTHS,12.0,V", "GPTHS,12.0,E", "GPHDT,361.0,T", "GPHDT,abc,T", "PASHR,130,0,RMM,4"],
 )
-def test_no_heading(body):
+def test_a_sentence_without_a_true_heading_gives_none(body):
     found, decoder = of((line(body) * 2, 1.0))
     assert not found and not decoder.counters["heading"]
 

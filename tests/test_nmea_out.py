@@ -118,7 +118,7 @@ def test_invalid_values_are_empty_fields():
         (ALL, 0, 6, "E"),
     ],
 )
-def test_quality(status, quality, gga, mode):
+def test_the_quality_of_the_fix_is_in_gga_rmc_and_vtg(status, quality, gga, mode):
     said = parsed(view(status=status, gnss=GNSS._replace(quality=quality)))
     assert (said["GPGGA"].quality, said["GPRMC"].posMode, said["GPVTG"].posMode) == (gga, mode, mode)
 

@@ -25,7 +25,7 @@ def sky(*bodies: str):
     return decoder.sky
 
 
-def test_a_whole_sky():
+def test_gsv_and_gsa_together_give_satellites_of_all_systems():
     reported = sky(*GSV, *GSA)
     found = {(s.system, s.number): s for s in reported.satellites}
     assert found[0, 16] == Satellite(0, 16, 57, 208, 39, used=True)

@@ -184,7 +184,7 @@ def test_the_receivers_time(known, host_error_s):
     assert [topic for topic, _, _ in Converter().of_fix(a_fix(), 0, silent.utc_ns(0))] == ["fix"]
 
 
-def test_diagnostics():
+def test_faults_are_levels_of_diagnostic_status():
     parts = (
         Diagnosis("inertial sensor", (), "M-G350 7", {"rate_hz": 1000.0, "lost": 0}),
         Diagnosis("receiver", ("receiver: no fix", "x")),

@@ -31,24 +31,24 @@ def same_rotation(q, wanted: Rotation, tolerance=1e-12):
 
 
 @given(quaternions, quaternions)
-def test_product(a, b):
+def test_the_product_is_that_of_scipy(a, b):
     same_rotation(rotation.quat_product(a, b), of(a) * of(b))
 
 
 @given(quaternions, st.floats(1e-3, 1e3))
-def test_normalised(q, factor):
+def test_normalising_keeps_the_rotation(q, factor):
     same_rotation(rotation.quat_normalised(tuple(factor * x for x in q)), of(q))
 
 
 @given(quaternions, st.floats(-1e-8, 1e-8))
-def test_renormalised(q, off):
+def test_renormalising_restores_unit_length(q, off):
     got = rotation.quat_renormalised(tuple(x * (1.0 + off) for x in q))
     assert got == pytest.approx(q, abs=1e-15)
     assert abs(np.linalg.norm(got) - 1.0) < 1e-15
 
 
 @given(vectors.map(lambda v: tuple(x / 20.0 for x in v)))
-def test_exponential(v):
+def test_the_exponential_is_the_rotation_of_a_vector(v):
     same_rotation(rotation.quat_exp(*v), Rotation.from_rotvec(v))
 
 
@@ -66,7 +66,7 @@ def test_rotate_and_back(q, v):
 
 
 @given(quaternions)
-def test_matrix(q):
+def test_the_matrix_is_that_of_scipy(q):
     np.testing.assert_allclose(np.reshape(rotation.dcm_of_quat(q), (3, 3)), of(q).as_matrix(), atol=1e-14)
 
 

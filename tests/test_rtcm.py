@@ -30,7 +30,7 @@ def frame(payload):
 
 
 @given(st.binary(max_size=300))
-def test_the_checksum(data):
+def test_the_checksum_is_that_of_pyrtcm(data):
     assert crc24q(data) == calc_crc24q(data)
 
 

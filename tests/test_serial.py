@@ -147,7 +147,7 @@ def test_the_emulator_behind_a_pseudo_terminal_does_not_count_as_a_holder():
     port.close()
 
 
-def test_absent(tmp_path):
+def test_a_port_that_is_not_there_is_absent(tmp_path):
     for path in (tmp_path / "ttyUSB7", tmp_path / "none" / "x"):
         with pytest.raises(PortAbsentError, match="there is no"):
             SerialPort(PortSpec(str(path)))
@@ -193,7 +193,7 @@ def test_without_permission_the_group_to_join_is_named(pty):
     assert "usermod -aG" in str(refusal.value)
 
 
-def test_unplugged(pty):
+def test_every_use_of_an_unplugged_port_says_that_it_went_away(pty):
     port = pty.open()
     pty.unplug()
     wait_readable(port.fd)

@@ -82,12 +82,12 @@ def test_not_ready_for_800_ms():
         (1, 0x4C, 0x0000),
     ],
 )
-def test_defaults(window, address, value):
+def test_registers_have_their_defaults(window, address, value):
     assert word(device(), window, address) == value
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_product_name(name):
+def test_the_registers_spell_the_product_name(name):
     words = [word(device(VARIANTS[name]), 1, address) for address in (0x6A, 0x6C, 0x6E, 0x70)]
     assert b"".join(value.to_bytes(2, "little") for value in words).startswith(name.upper().encode())
 

@@ -85,7 +85,7 @@ def test_it_is_silent_until_asked_and_deaf_while_it_starts():
     assert ask(unit, b"R") == b"H"
 
 
-def test_identity():
+def test_the_unit_tells_serial_number_and_version():
     unit = device()
     serial = struct.pack(">I", SERIAL)
     assert ask(unit, b"S") == b"\xff" + serial + bytes([sum(serial) & 0xFF])
@@ -103,7 +103,7 @@ def test_a_level_unit_shows_gravity_and_its_yaw_rate():
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(10.0, 0.0), (0.0, -5.0), (30.0, 20.0), (180.0, 0.0), (-120.0, 40.0)])
-def test_tilt(roll, pitch):
+def test_the_unit_computes_its_own_tilt(roll, pitch):
     r, p = roll * DEG, pitch * DEG
     force = -G * np.array([-math.sin(p), math.sin(r) * math.cos(p), math.cos(r) * math.cos(p)])
     words = fields(ask(device(Signal(force=force)), b"G"))

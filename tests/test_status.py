@@ -281,7 +281,7 @@ def test_another_program_is_recognised(monkeypatch, lines, says):
         status.ask(parse_address(address, 1))
 
 
-def test_nobody_there(tmp_path):
+def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
     with pytest.raises(DeviceAbsentError, match=r"no daemon answers at .*start one"):
         status.run(argparse.Namespace(address=str(tmp_path / "sock"), json=False, prometheus=False))
 

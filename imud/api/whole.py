@@ -57,7 +57,7 @@ def attitude(
     >>> print(round(np.radians(imud.attitude(t, np.zeros((300, 3)), accel).roll_deg[-1]), 2))
     0.1
     """
-    return _run(t, gyro, accel, temperature, None, {}, settings, initial, frames, estimator, smooth)
+    return _run((t, gyro, accel, temperature), None, {}, settings, initial, frames, estimator, smooth)
 
 
 def navigate(
@@ -86,14 +86,11 @@ def navigate(
     >>> bool(imud.navigate(imu, gnss).position_valid[-1])
     True
     """
-    return _run(*split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator, smooth)
+    return _run(split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator, smooth)
 
 
 def _run(
-    t: Any,
-    gyro: Any,
-    accel: Any,
-    temperature: Any,
+    imu: tuple[Any, Any, Any, Any],
     gnss: Any,
     aiding: Mapping[str, Any],
     settings: Setting,
@@ -102,15 +99,16 @@ def _run(
     name: str,
     smooth: bool,
 ) -> Solution:
+    """imu: t, gyro, accel, temperature."""
     check_frames(frames)
     try:
         estimator = registry.by_name(name)
     except UsageError as error:
         raise ValueError(str(error)) from error
-    samples = samples_from(t, gyro, accel, temperature, frames, None)
+    samples = samples_from(*imu, frames, None)
     if len(samples) < 2:
         raise ValueError(f"{len(samples)} samples; at least two are needed")
-    origin = start_of(np.asarray(t, float))
+    origin = start_of(np.asarray(imu[0], float))
     chosen = settings_of(settings)
     fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
     fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
@@ -119,7 +117,7 @@ def _run(
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
-    aided = _in_order(measured) if measured else None
+    measurements = _in_order(measured) if measured else None
 
     def take(block: Records) -> None:
         rows.append(block.copy())
@@ -129,10 +127,10 @@ def _run(
         from ..smoothing import smooth as smooth_all
 
         forward = Forward(filter_)
-        play(filter_, samples, fixes, forward.take, on_innovations=innovations.append, aiding=aided)
-        smooth_all(forward, samples, fixes, aided, take)
+        play(filter_, samples, fixes, forward.take, on_innovations=innovations.append, aiding=measurements)
+        smooth_all(forward, samples, fixes, measurements, take)
     else:
-        play(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=aided)
+        play(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=measurements)
     return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)
 
 

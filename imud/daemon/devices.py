@@ -17,12 +17,10 @@ from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..math.arrays import Records
 from ..outputs.view import Device
-from ..pipeline import Stored
 from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
 from ..recording.control import Recordings
-from ..sensor_errors import calibration
 from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
@@ -89,8 +87,11 @@ class Devices:
         for receiver in self.in_use.receivers():
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
         if (imu := self.in_use.imu) and imu.port.configured:
-            own = choices.settings_for(settings, imu.port.configured.identity, self.ports.index(imu.port))
-            imu.sensor.pipeline.filter.configure(own)
+            imu.sensor.pipeline.filter.configure(self._settings_of(imu.port, imu.port.configured))
+
+    def _settings_of(self, port: Port, configured: Configured) -> Settings:
+        """With the profile and the mounting of the sensor on that port."""
+        return choices.settings_for(self._settings, configured.identity, self.ports.index(port))
 
     @property
     def deadline_s(self) -> float:
@@ -238,7 +239,7 @@ class Devices:
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         if self.in_use.imu is None and all(port.configured for port in self.ports):
             self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
-        self._describe()
+        self.described = self.in_use.described()
         garbage.set_aside()
 
     def _use_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
@@ -252,9 +253,11 @@ class Devices:
     def _use(self, port: Port, driver: ImuDriver, configured: ImuConfigured) -> bool:
         """Use this inertial sensor from now on; returns False if the estimator needs more than it measures."""
         now_ns = time.monotonic_ns()
-        number, known = self.ports.index(port), calibration_of(configured.identity)
-        known = self.spares.calibration(port, number, configured, known, self._settings, now_ns)
-        stored = self._load(configured, port.spec.path, known)
+        own, number = self._settings_of(port, configured), self.ports.index(port)
+        known = self.spares.calibration(port, configured, calibration_of(configured.identity), own, now_ns)
+        stored = self._store.load(configured, port.spec.path, known, own)
+        if self.selection.inertial is not None:  # a checkpoint is only for the first filter of this run
+            stored = replace(stored, checkpoint=b"")
         try:
             inertial = self.selection.connect(
                 port.line, driver, configured, known, self._settings, now_ns, number, stored
@@ -279,9 +282,8 @@ class Devices:
             self._closed_spares[driver.kind].add(port)
             port.release(what)
             return
-        known = calibration_of(configured.identity)
-        number, now_ns = self.ports.index(port), time.monotonic_ns()
-        self.spares.add(port, number, driver, configured, known, self._settings, imu, now_ns)
+        own, known = self._settings_of(port, configured), calibration_of(configured.identity)
+        self.spares.add(port, driver, configured, known, own, imu, time.monotonic_ns())
         self._routes.read_through_python()
         self._log.info(f"{what}; until then compared with it", port=port.spec.path)
 
@@ -301,7 +303,7 @@ class Devices:
             self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
         if self.in_use.imu:
             self._routes.read_directly()  # what disconnected may have been the last spare
-        self._describe()
+        self.described = self.in_use.described()
 
     def _schedule_spares(self, kind: str, at_s: float) -> None:
         """Have the spares of that kind take over at that time; infinite: never."""
@@ -321,16 +323,6 @@ class Devices:
             self.corrections.close()
         if self.selection.inertial is not None:
             self._log.info("ended", samples=self.selection.inertial.samples, **self.selection.inertial.totals())
-
-    def _describe(self) -> None:
-        self.described = self.in_use.described()
-
-    def _load(self, configured: ImuConfigured, path: str, known: calibration.Calibration) -> Stored:
-        """What an earlier run of the daemon knew; a checkpoint only for the first filter of this run."""
-        number = [port.spec.path for port in self.ports].index(path)
-        own = choices.settings_for(self._settings, configured.identity, number)
-        stored = self._store.load(configured, path, known, own)
-        return stored if self.selection.inertial is None else replace(stored, checkpoint=b"")
 
 
 def _corrections(source: str) -> "Corrections":

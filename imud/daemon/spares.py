@@ -48,7 +48,6 @@ class Spares:
     def add(
         self,
         port: "Port",
-        number: int,
         driver: ImuDriver,
         configured: ImuConfigured,
         calibration: Calibration,
@@ -56,12 +55,11 @@ class Spares:
         used: tuple["Port", Inertial],
         now_ns: int,
     ) -> None:
-        """A spare streams on the port of that number."""
+        """A spare streams. settings: with its profile and mounting."""
         path = port.spec.path
         self._unresolved = {name: was for name, was in self._unresolved.items() if path not in (name, was)}
         self._known[path] = calibration
-        own = choices.settings_for(settings, configured.identity, number)
-        filter_ = Filter(registry.by_name(SPARE_ESTIMATOR), own, Initial(), configured.rate_hz)
+        filter_ = Filter(registry.by_name(SPARE_ESTIMATOR), settings, Initial(), configured.rate_hz)
         filter_.calibrate(calibration)
         spare = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
         spare.connect(port.line, driver, configured, now_ns)
@@ -130,15 +128,13 @@ class Spares:
     def calibration(
         self,
         port: "Port",
-        number: int,
         configured: ImuConfigured,
         known: Calibration,
         settings: Settings,
         now_ns: int,
     ) -> Calibration:
-        """Of a sensor that comes into use on the port of that number, with its relative mounting, if it has one."""
-        own = choices.settings_for(settings, configured.identity, number)
-        turn = correction(known, own.imu.mount_rpy_deg)["turn"].reshape(3, 3)
+        """Of a sensor that comes into use, with its relative mounting, if it has one. settings: as for `add`."""
+        turn = correction(known, settings.imu.mount_rpy_deg)["turn"].reshape(3, 3)
         identity = configured.identity
         self._mountings.recall_alone(Mounted(port.spec.path, identity.serial, configured.still_powered, turn), now_ns)
         return self._mountings.applied_to(known, port.spec.path)

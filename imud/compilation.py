@@ -42,7 +42,7 @@ def warm_decoders(plugins_only: bool = False) -> None:
 
 
 def warm_loop() -> None:
-    """Compile, or load, the daemon's cycle."""
+    """Compile, or load, the daemon's fast loop."""
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)

@@ -11,7 +11,8 @@ from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.status_tables import add_estimates
 from imud.estimators import registry
-from imud.estimators.records import ODOMETER_SOURCE, SOLUTION
+from imud.estimators.ins import sources
+from imud.estimators.records import GNSS_FIX, ODOMETER_SOURCE, SOLUTION, SOURCE_KINDS
 from imud.pipeline import Filter, innovation_buffer
 from imud.smoothing.two_filter import Forward, smooth
 
@@ -128,3 +129,7 @@ def test_it_is_kept_over_a_restart():
     again = Filter(estimator, Settings(), Initial(), 100.0)
     estimator.resume(again.state, estimator.checkpoint(filter_.state))
     assert again.state["source_ages"][0]["age"][ODOMETER_SOURCE] == found[-1, 1] > 0.7
+
+
+def test_every_source_has_an_element_of_the_arrays_by_source():
+    assert sorted(source.kind for source in sources.SOURCES) == list(range(GNSS_FIX + 1, SOURCE_KINDS))

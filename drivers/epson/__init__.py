@@ -1,0 +1,1 @@
+"""Epson's inertial sensors, M-G350 and its relatives, on UART and SPI (docs/protocols.md §1)."""

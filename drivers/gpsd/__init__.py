@@ -1,0 +1,1 @@
+"""A gpsd that runs already, as a receiver."""

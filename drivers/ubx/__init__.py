@@ -1,0 +1,1 @@
+"""u-blox receivers in their own protocol, UBX."""

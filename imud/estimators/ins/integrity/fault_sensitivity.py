@@ -8,13 +8,13 @@ The filter's own steps give the sensitivity V:
 V has a column for each hypothetical fault. A test opens it at an onset, adds up innovations, which give the size by
 least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 
-| columns        | of an onset | size d                                           | V at the onset     | b |
-|----------------|-------------|--------------------------------------------------|--------------------|---|
-| DRIFT_FAULT          | 2           | drift of positions north, east, m/s              | 0                  | time since the onset for a position |
-| VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad    | 0, 0, -1: heading  | as above, 1 for a velocity; 0 |
-| TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s              | -1: time offset    | 0 |
-| GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s  | -1: vertical bias  | 0 |
-| COMPASS_FAULT        | 1           | offset of a heading, rad                         | 1: heading, if given | 1 for a heading |
+| columns              | of an onset | size d                                          | V at the onset       | b                                   |
+|----------------------|-------------|-------------------------------------------------|----------------------|-------------------------------------|
+| DRIFT_FAULT          | 2           | drift of positions north, east, m/s             | 0                    | time since the onset for a position |
+| TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s             | -1: time offset      | 0                                   |
+| GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
+| COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
+| VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
 Once a fault is found, x -= V d removes what it has done, and P += sigma^2 V V' states how well d is known.
 
@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ....compile.jit import kernel
+from ....compile.jit import kernel, unrolled
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..state import (
@@ -60,9 +60,20 @@ def set_sensitivity(c: Core, i: int, column: int, value: float) -> None:
 
 
 @kernel
+def all_in_use(c: Core) -> bool:
+    """Whether all columns are: most vehicles have no wheels, which those of VELOCITY_DRIFT_FAULT need."""
+    return bool(c.velocity_drift.onset_ns[0] != NEVER_NS)
+
+
+@kernel
 def propagate_sensitivities(c: Core, transition: Transition) -> None:
     """V <- T V. During coarse alignment the heading has an arbitrary origin, which a compass does not change."""
-    apply_transition(c.faults.sensitivity, FAULTS if c.alignment.mode == NAVIGATING else COMPASS_FAULT, transition)
+    if c.alignment.mode != NAVIGATING:
+        apply_transition(c.faults.sensitivity, COMPASS_FAULT, transition)
+    elif all_in_use(c):
+        apply_transition(c.faults.sensitivity, FAULTS, transition)
+    else:
+        apply_transition(c.faults.sensitivity, VELOCITY_DRIFT_FAULT, transition)
 
 
 @kernel
@@ -71,18 +82,27 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
 
     The Jacobian h has `length` elements.
     """
-    mean = c.scratch.fault_innovation
-    for j in range(FAULTS):
-        mean[j] = 0.0
-    for k in range(length):
-        for j in range(FAULTS):
-            mean[j] -= c.scratch.values[k] * c.faults.sensitivity[c.scratch.columns[k], j]
+    if all_in_use(c):
+        predict_from_errors(c, length, FAULTS)
+    else:
+        predict_from_errors(c, length, VELOCITY_DRIFT_FAULT)
     if axis >= 0:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)
     elif axis == HEADING_AXIS and c.compass_offset.onset_ns != NEVER_NS:
-        mean[COMPASS_FAULT] += 1.0
+        c.scratch.fault_innovation[COMPASS_FAULT] += 1.0
+
+
+@unrolled
+def predict_from_errors(c: Core, length: int, columns: int) -> None:
+    """-h V, what the errors of the estimate do to an innovation, for the first `columns` of V."""
+    for j in range(columns):
+        c.scratch.fault_innovation[j] = 0.0
+    for k in range(length):
+        for j in range(columns):
+            change = c.scratch.values[k] * c.faults.sensitivity[c.scratch.columns[k], j]
+            c.scratch.fault_innovation[j] -= change
 
 
 @kernel
@@ -97,8 +117,17 @@ def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float
 @kernel
 def update_sensitivities(c: Core) -> None:
     """V <- V + K (b - h V) before the scalar update that follows, whose gain is in scratch."""
+    if all_in_use(c):
+        follow_update(c, FAULTS)
+    else:
+        follow_update(c, VELOCITY_DRIFT_FAULT)
+
+
+@unrolled
+def follow_update(c: Core, columns: int) -> None:
+    """V <- V + K (b - h V) for the first `columns` of V."""
     for i in range(STATES):
-        for j in range(FAULTS):
+        for j in range(columns):
             c.faults.sensitivity[i, j] += c.scratch.gain[i] * c.scratch.fault_innovation[j]
 
 

@@ -43,6 +43,7 @@ INS = {
     "Gnss": aiding.GNSS,
     "Integrity": integrity.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,
+    "FaultSensitivities": integrity.FAULT_SENSITIVITIES,
     "Drift": integrity.DRIFT,
     "VelocityDrift": integrity.VELOCITY_DRIFT,
     "TimeOffsetStep": integrity.TIME_OFFSET_STEP,

@@ -128,10 +128,10 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
         arrivals.append(arrival_ns)
         return 1
 
-    fakes = {"ppoll": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
+    fakes = {"epoll_wait": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
     for name, fake in fakes.items():
         monkeypatch.setattr(f"imud.daemon.fast_loop.{name}", fake)
-    fast_loop = SimpleNamespace(fd=0, revents=1, poll_address=0, time_address=0, timeout_address=0, check_ns=NEVER_NS)
+    fast_loop = SimpleNamespace(fd=0, epoll=0, events_address=0, time_address=0, check_ns=NEVER_NS)
     pipeline = SimpleNamespace(rx=0, fill=0)
     assert interpreted(_run_until_event)([fast_loop], [pipeline], None, NEVER_NS, NEVER_NS, 0) == 1
     assert arrivals == [7]

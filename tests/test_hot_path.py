@@ -84,5 +84,5 @@ def test_a_wake_up_is_a_wait_and_a_read_and_a_send_for_each_subscriber(watched):
     by_time = BY_TIME * calls.pop("seconds")
     sends, reads = calls.pop("sendto"), calls["read"]
     assert SENT / 3 < sends <= calls.pop("frames") + SENT  # the others waited to be seen before the tracer came
-    assert calls["ppoll"] <= reads + by_time / 2.0  # a busy machine reads several frames at once
+    assert calls["epoll_wait"] <= reads + by_time / 2.0  # a busy machine reads several frames at once
     assert sum(calls.values()) <= 2 * reads + by_time, calls

@@ -12,7 +12,7 @@ from vehicle_simulation import vehicle
 
 from imud.batch import play
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.state import ATTITUDE, NEVER_NS, VELOCITY
+from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
 D = Later(drive, 90.0)  # it rests for 10 s
@@ -38,11 +38,11 @@ def test_the_effect_of_an_offset_is_predicted():
     """Against the difference of two runs, one with a compass that is off by a thousandth of a degree."""
     off = np.radians(1e-3)
     core, changed = run(60.0)[0], run(60.0, off)[0]
-    w = core["compass_offset"]["sensitivity"][:, 0]
+    v = core["faults"]["sensitivity"][:, COMPASS_FAULT]
     turned = (yaw_of(changed) - yaw_of(core)) / off
-    assert -1.0 < w[ATTITUDE + 2] < -0.05
-    assert w[ATTITUDE + 2] == pytest.approx(-turned, abs=0.05)
-    assert w[VELOCITY : VELOCITY + 2] == pytest.approx((core["nav"]["v_n"] - changed["nav"]["v_n"])[:2] / off, abs=0.3)
+    assert 0.05 < v[ATTITUDE + 2] < 1.0
+    assert v[ATTITUDE + 2] == pytest.approx(turned, abs=0.05)
+    assert v[VELOCITY : VELOCITY + 2] == pytest.approx((changed["nav"]["v_n"] - core["nav"]["v_n"])[:2] / off, abs=0.3)
 
 
 def yaw_of(core):

@@ -11,7 +11,7 @@ from imud.drivers.sample import SUSPECT
 from imud.estimators.ins.integrity.reset_inflation import propagate_inflation
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ACCEL_BIAS, ONSETS, POSITION, VELOCITY
+from imud.estimators.ins.state import ACCEL_BIAS, DRIFT_FAULT, ONSETS, POSITION, VELOCITY
 from imud.estimators.records import AT_REST, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
 RATE = 100
@@ -181,7 +181,7 @@ def test_the_effect_of_a_drift_on_the_estimate_is_predicted():
     for j in range(ONSETS):
         since = 1e-9 * c["drift"]["onset_ns"][j] - 100.0
         crept, _, _ = navigate(samples[: at(158.2)], moved(cut, since, 1e9, 0.0, per_second=rate), free)
-        pull = c["drift"]["bias_sensitivity"][:, 2 * j]
+        pull = c["faults"]["sensitivity"][:, DRIFT_FAULT + 2 * j]
         assert 0.1 < pull[POSITION] < 60.0
         dp = (crept["lat"][-1] - still["lat"][-1]) * 6.37e6 / rate
         assert pull[POSITION] == pytest.approx(dp, rel=0.005)

@@ -11,7 +11,7 @@ from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.integrity.time_offset_step import detect_time_offset_step
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, VELOCITY
+from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY
 from imud.estimators.records import POSITION_VALID
 
 RATE = 100
@@ -76,11 +76,11 @@ def test_the_effect_of_a_step_is_predicted():
         core = filter_.state["core"][0, 0]
         core["nav"]["time_offset"] += offset
         filter_.state["last_time_offset"] += offset
-        core["time_offset_step"]["sensitivity"] = 0.0
-        core["time_offset_step"]["sensitivity"][TIME_OFFSET] = 1.0
+        core["faults"]["sensitivity"][:, TIME_STEP_FAULT] = 0.0
+        core["faults"]["sensitivity"][TIME_OFFSET, TIME_STEP_FAULT] = -1.0
         replay(filter_, samples[first:last], fixes[(t > 40.5) & (t < 70.5)])
         runs.append(filter_.state["core"][0, 0].copy())
-    w = runs[0]["time_offset_step"]["sensitivity"][:, 0]
+    w = -runs[0]["faults"]["sensitivity"][:, TIME_STEP_FAULT]
     nav, changed = runs[0]["nav"], runs[1]["nav"]
     assert 0.01 < abs(w[TIME_OFFSET]) < 0.9
     assert w[TIME_OFFSET] == pytest.approx((changed["time_offset"] - nav["time_offset"]) / change, abs=0.03)

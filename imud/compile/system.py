@@ -25,7 +25,7 @@ def _function(name: str, returns: str, *arguments: str) -> Any:
 
 
 carray: Any = NumbaObject(lambda numba: numba.carray, "carray")
-ppoll: Any = _function("ppoll", "int32", "int64", "int64", "int64", "int64")
+epoll_wait: Any = _function("epoll_wait", "int32", "int32", "int64", "int32", "int32")
 pwrite: Any = _function("pwrite", "int64", "int32", "int64", "int64", "int64")
 read: Any = _function("read", "int64", "int32", "int64", "int64")
 send: Any = _function("send", "int64", "int32", "int64", "int64", "int32")

@@ -8,6 +8,7 @@ Python has to notice soon: the status of the newest solution, its age, and wheth
 one loop, which costs as little as one in C, and all errors are handled in Python.
 """
 
+import contextlib
 import select
 
 import numpy as np
@@ -16,7 +17,7 @@ from imud.drivers.transport.serial import SerialPort
 
 from ..compile.entry import entry, waiting_entry
 from ..compile.jit import kernel
-from ..compile.system import CLOCK_MONOTONIC, clock_ns, ppoll, read, records
+from ..compile.system import CLOCK_MONOTONIC, EAGAIN, clock_ns, epoll_wait, errno, read, records
 from ..estimators.records import SOLUTION
 from ..math.arrays import Records
 from ..outputs.binary import BinaryOutputs, publish
@@ -25,17 +26,11 @@ from ..stages import BATCH, INERTIAL_PIPELINE, RX, ingest
 
 FAST_LOOP = np.dtype(
     [
-        ("fd", "<i4"),  # struct pollfd of the line; -1: no line is plain
-        ("events", "<i2"),
-        ("revents", "<i2"),
-        ("others_fd", "<i4"),  # struct pollfd of the poll object with all other descriptors
-        ("others_events", "<i2"),
-        ("others_revents", "<i2"),
-        ("timeout_s", "<i8"),  # struct timespec
-        ("timeout_ns", "<i8"),
+        ("fd", "<i4"),  # of the line; -1: no line is plain
+        ("epoll", "<i4"),  # of the line, and of all other descriptors' poll object
+        ("events", "<i8", (4,)),  # two struct epoll_event, written by epoll_wait
         ("time", "<i8", (2,)),  # struct timespec, written by clock_gettime
-        ("poll_address", "<i8"),  # addresses in memory of the two struct pollfd,
-        ("timeout_address", "<i8"),  # and of the two struct timespec
+        ("events_address", "<i8"),
         ("time_address", "<i8"),
         ("check_ns", "<i8"),  # when the next check is due
         ("watched", "<i8"),  # bits of the status whose changes Python has to notice
@@ -44,7 +39,8 @@ FAST_LOOP = np.dtype(
     ],
     align=True,
 )
-_SECOND_NS = 1_000_000_000
+_MS_NS = 1_000_000
+_LONGEST_MS = 60_000  # of one wait
 CHECK_NS = 100_000_000  # between two checks
 PAUSE_NS = 500_000_000  # between two checks: this process did not run
 _CHUNK = SerialPort.chunk  # numba has no type for the class
@@ -84,14 +80,17 @@ def _run_until_event(
     now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)
     while True:
         wait_ns = max((min(until_ns, c.check_ns) if c.fd >= 0 else until_ns) - now_ns, 0)
-        c.timeout_s, c.timeout_ns = wait_ns // _SECOND_NS, wait_ns % _SECOND_NS
-        if ppoll(c.poll_address, 2, c.timeout_address, 0) < 0:
+        wait_ms = min((wait_ns + _MS_NS - 1) // _MS_NS, _LONGEST_MS)
+        ready = epoll_wait(c.epoll, c.events_address, 2, wait_ms)
+        if ready < 0:
             return 0
-        received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill)) if c.revents != 0 else 0
-        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)  # after the read, so that no stamp is before its bytes
-        if c.revents != 0:
-            if received <= 0:
+        received = 0
+        if ready > 0 and c.fd >= 0:
+            received = read(c.fd, s.rx + s.fill, min(_CHUNK, RX - s.fill))
+            if received == 0 or (received < 0 and errno() != EAGAIN):
                 return FAILED
+        now_ns = clock_ns(CLOCK_MONOTONIC, c.time_address)  # after the read, so that no stamp is before its bytes
+        if received > 0:
             n = ingest(pipeline, received, now_ns)
             if n > max_batch:
                 return n
@@ -99,27 +98,29 @@ def _run_until_event(
                 publish(publisher, s.solutions, n, s.count, now_ns)
                 if now_ns >= publish_ns:
                     return PUBLISH_DUE
-        if c.others_revents != 0 or now_ns >= until_ns:
+        others_are_ready = ready > (1 if received > 0 else 0)
+        if others_are_ready or now_ns >= until_ns:
             return 0
         if c.fd >= 0 and now_ns >= c.check_ns and not _is_quiet(fast_loop, pipeline, now_ns):
             return 0
 
 
 class FastLoop:
-    """One line and its stream, and a poll object for everything else. Not thread-safe."""
+    """One line and its pipeline, and a poll object for everything else. Not thread-safe."""
 
     def __init__(self, watched: int = 0) -> None:
         """watched: bits of a solution's status whose changes Python has to notice."""
         self.others = select.epoll()
+        self._all = select.epoll()
+        self._all.register(self.others, select.EPOLLIN)
         self._idle = np.zeros(1, INERTIAL_PIPELINE)
         self._idle["newest"] = -1
         self._record = np.zeros(1, FAST_LOOP)
-        for name, part in (("poll_address", "fd"), ("timeout_address", "timeout_s"), ("time_address", "time")):
-            self._record[name] = self._record[part].ctypes.data
-        self._record["events"] = self._record["others_events"] = select.POLLIN
+        for name in ("events", "time"):
+            self._record[f"{name}_address"] = self._record[name].ctypes.data
         self._record["watched"] = watched
-        self._record["others_fd"] = self.others.fileno()
-        self.detach()
+        self._record["epoll"], self._record["fd"] = self._all.fileno(), -1
+        self._pipeline = self._idle
 
     @property
     def fd(self) -> int:
@@ -127,11 +128,15 @@ class FastLoop:
         return int(self._record["fd"][0])
 
     def attach(self, fd: int, pipeline: InertialPipeline, stale_ns: int) -> None:
-        """From now on, read this line into this stream; return when its newest solution is older than `stale_ns`."""
+        """From now on, read this line into this pipeline; return when its newest solution is older than `stale_ns`."""
         self._record["fd"], self._record["stale_ns"], self._pipeline = fd, stale_ns, pipeline.record
+        self._all.register(fd, select.EPOLLIN)
 
     def detach(self) -> None:
         """Stop reading the line."""
+        if self.fd >= 0:
+            with contextlib.suppress(OSError):  # it may be closed already
+                self._all.unregister(self.fd)
         self._record["fd"], self._pipeline = -1, self._idle
 
     def note(self, now_ns: int) -> int:
@@ -153,4 +158,5 @@ class FastLoop:
         return _run_until_event(self._record, self._pipeline, outputs.record, until_ns, publish_ns, max_batch)
 
     def close(self) -> None:
+        self._all.close()
         self.others.close()

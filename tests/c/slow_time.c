@@ -1,7 +1,6 @@
 /* Time that passes slower, for a process that valgrind makes slower: LD_PRELOAD, SLOWNESS is the factor. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
-#include <poll.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -33,13 +32,6 @@ int clock_gettime(clockid_t id, struct timespec *t)
   t->tv_sec = now / SECOND;
   t->tv_nsec = now % SECOND;
   return 0;
-}
-
-int ppoll(struct pollfd *fds, nfds_t n, const struct timespec *timeout, const sigset_t *mask)
-{
-  int64_t left = timeout ? (timeout->tv_sec * SECOND + timeout->tv_nsec) * slowness : 0;
-  struct timespec slow = {left / SECOND, left % SECOND};
-  return syscall(SYS_ppoll, fds, n, timeout ? &slow : NULL, mask, _NSIG / 8);
 }
 
 int epoll_wait(int fd, struct epoll_event *events, int n, int timeout_ms)

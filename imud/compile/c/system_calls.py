@@ -8,12 +8,11 @@ PRELUDE = """#define _GNU_SOURCE
 #define _FILE_OFFSET_BITS 64
 """
 
-_HEADERS = ("errno.h", "poll.h", "sys/socket.h", "time.h", "unistd.h")
+_HEADERS = ("errno.h", "sys/epoll.h", "sys/socket.h", "time.h", "unistd.h")
 _BODIES = {  # name -> parameters, statements
-    "ppoll": (
-        "int64_t files, int64_t n, int64_t timeout, int64_t signals",
-        "const int64_t *t = AT(timeout); struct timespec limit = {t ? t[0] : 0, t ? t[1] : 0};"
-        " return ppoll(AT(files), (nfds_t)n, t ? &limit : 0, AT(signals));",
+    "epoll_wait": (
+        "int32_t file, int64_t events, int32_t n, int32_t timeout_ms",
+        "return epoll_wait(file, AT(events), n, timeout_ms);",
     ),
     "pwrite": ("int32_t file, int64_t from, int64_t n, int64_t to", "return pwrite(file, AT(from), (size_t)n, to);"),
     "read": ("int32_t file, int64_t to, int64_t n", "return read(file, AT(to), (size_t)n);"),

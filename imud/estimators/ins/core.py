@@ -22,6 +22,7 @@ from .alignment.records import ALIGNMENT, FIX_AGE, HYPOTHESIS_BANK
 from .integrity.records import (
     COMPASS_OFFSET,
     DRIFT,
+    FAULT_SENSITIVITIES,
     GRAVITY_MONITOR,
     GYRO_BIAS_STEP,
     INTEGRITY,
@@ -32,6 +33,7 @@ from .state import (
     AIDING_RING,
     BANKS,
     EXPONENTIALS,
+    FAULTS,
     IMU_RING,
     JACOBIAN_LENGTH,
     LEARNING_STATES,
@@ -172,6 +174,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("transition", TRANSITION),
+        ("fault_innovation", "<f8", (FAULTS,)),  # mean of the innovation per unit of each fault
         ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # the part of h, and D h, that learns process noise
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
         ("learning_d", "<f8", (LEARNING_STATES,)),
@@ -206,6 +209,7 @@ REWOUND = [  # what a rewind restores
     ("gnss", GNSS),
     ("integrity", INTEGRITY),
     ("process_noise", PROCESS_NOISE),
+    ("faults", FAULT_SENSITIVITIES),
     ("drift", DRIFT),
     ("time_offset_step", TIME_OFFSET_STEP),
     ("gyro_bias_step", GYRO_BIAS_STEP),

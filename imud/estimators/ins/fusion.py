@@ -22,12 +22,13 @@ from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
-from .integrity.compass_offset import add_to_compass_offset, propagate_compass_offset, update_compass_offset
-from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
-from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
+from .integrity.compass_offset import add_to_compass_offset
+from .integrity.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
+from .integrity.gnss_drift import BY_WHEELS, add_to_drift
+from .integrity.gyro_bias_step import add_to_gyro_bias_step
 from .integrity.reset_inflation import propagate_inflation
-from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_offset_step, update_time_offset_step
-from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
+from .integrity.time_offset_step import add_to_time_offset_step
+from .integrity.velocity_drift import add_to_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import NAVIGATING, VELOCITY
@@ -49,11 +50,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     linearize(p, c, transition)
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
-    propagate_sensitivity(c, transition)
-    propagate_time_offset_step(c, transition)
-    propagate_gyro_bias_step(c, transition)
-    propagate_velocity_drift(c, transition)
-    propagate_compass_offset(c, transition)
+    propagate_sensitivities(c, transition)
     propagate_learning(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
@@ -63,14 +60,12 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
+    What faults add to the innovation is in scratch, too (`predict_innovations`).
     axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading; -1 anything else.
     """
     compute_gain(c, s)
-    update_sensitivity(c, length, s, z, axis)
-    update_time_offset_step(c, length, s)
-    update_gyro_bias_step(c, length, s)
-    update_velocity_drift(c, length, s, axis)
-    update_compass_offset(c, length, s, axis)
+    add_to_drift(c, z, s, axis)
+    update_sensitivities(c)
     update_learning(c, length, z, s)
     apply_gain(c, z)
 
@@ -95,6 +90,7 @@ def correlated_update(
     `fuse`.
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
+    predict_innovations(c, length, axis)
     return test_and_fuse(c, length, z, s, shared, gate, axis)
 
 
@@ -108,14 +104,15 @@ def fix_update(
     that contradicts the wheels. axis: see `fuse`.
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
+    predict_innovations(c, length, axis)
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
             learn_process_noise(p, c, length, z, s)
-        add_to_time_offset_step(c, length, z, s, axis)
+        add_to_time_offset_step(c, z, s, axis)
         if gate != REJECT:
-            add_to_gyro_bias_step(p, c, length, z, s, r, axis)
-        add_to_velocity_drift(p, c, length, z, s, axis)
-        add_to_compass_offset(p, c, length, z, s, axis)
+            add_to_gyro_bias_step(p, c, z, s, r, axis)
+        add_to_velocity_drift(p, c, z, s, axis)
+        add_to_compass_offset(p, c, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
 
 

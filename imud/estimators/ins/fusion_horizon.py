@@ -118,7 +118,7 @@ def store_snapshot(s: State) -> None:
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
     k.time_offset_step, k.gyro_bias_step = c.time_offset_step, c.gyro_bias_step
-    k.velocity_drift, k.compass_offset = c.velocity_drift, c.compass_offset
+    k.velocity_drift, k.compass_offset, k.faults = c.velocity_drift, c.compass_offset, c.faults
     s.snapshot_count += 1
 
 
@@ -140,7 +140,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
     c.time_offset_step, c.gyro_bias_step = k.time_offset_step, k.gyro_bias_step
-    c.velocity_drift, c.compass_offset = k.velocity_drift, k.compass_offset
+    c.velocity_drift, c.compass_offset, c.faults = k.velocity_drift, k.compass_offset, k.faults
 
 
 @kernel

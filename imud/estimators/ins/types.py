@@ -200,6 +200,10 @@ class ProcessNoise:
     estimate_sensitivity: Tensor
 
 
+class FaultSensitivities:
+    sensitivity: Tensor
+
+
 class Drift:
     detected: int
     noise_scale: float
@@ -209,7 +213,6 @@ class Drift:
     innovation_count: Integers
     information_vector: Tensor
     information_matrix: Tensor
-    bias_sensitivity: Tensor
     position_variance: Reals
     velocity_variance: Reals
 
@@ -222,7 +225,6 @@ class VelocityDrift:
     energy: Reals
     vector: Tensor
     information: Tensor
-    sensitivity: Tensor
     drift: Reals
     position_variance: Reals
     velocity_variance: Reals
@@ -235,7 +237,6 @@ class TimeOffsetStep:
     vector: float
     energy: float
     count: int
-    sensitivity: Tensor
     jump: Tensor
 
 
@@ -248,7 +249,6 @@ class CompassOffset:
     vector: float
     energy: float
     count: float
-    sensitivity: Tensor
     heading_variance: float
 
 
@@ -261,7 +261,6 @@ class GyroBiasStep:
     vector: Reals
     energy: Reals
     count: Reals
-    sensitivity: Tensor
 
 
 class Alignment:
@@ -398,6 +397,7 @@ class Scratch:
     columns: Indices
     values: Floats
     transition: Transition
+    fault_innovation: Reals
     learning_columns: Indices
     learning_values: Floats
     learning_d: Floats
@@ -427,6 +427,7 @@ class Snapshot:
     gnss: Gnss
     integrity: Integrity
     process_noise: ProcessNoise
+    faults: FaultSensitivities
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
@@ -454,6 +455,7 @@ class Core:
     gnss: Gnss
     integrity: Integrity
     process_noise: ProcessNoise
+    faults: FaultSensitivities
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep

@@ -1,22 +1,17 @@
 """GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that was given.
 
 A compass may be mounted wrong, near iron or in other units, and a user may be mistaken: headings then differ by an
-offset d from the true ones, and the estimate, which began with them or follows them, by w d:
-
-    w = -1 at the heading at the onset, if the compass or the user gave the heading, else 0,
-    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,    w <- (I - K h) w - K at a heading's.
-
-The innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
-`compass_offset_memory_s`, used or not, gives d, and its chi-square is compared with a threshold (generalized likelihood
-ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known
+offset d from the true ones, a fault of `fault_sensitivity`. Least squares over the innovations of the fixes of the last
+`compass_offset_memory_s`, used or not, gives d. Its chi-square is divided by the mean square of the residuals where
+that is above 1. A heading is confirmed once d is known
 to be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no
 drift or step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the
 heading.
 
-When an offset is detected, x += w d and P += sigma^2 w w'. The effect of a large one is not linear, and that of an
-offset that varies, as near iron, is another: the heading then has to be found anew.
+When an offset is detected, the fault is removed. The effect of a large one is not linear, and that of an offset that
+varies, as near iron, is another: the heading then has to be found anew.
 
-Source: Friedland, Treatment of bias in recursive filtering (1969), whose V is w; Willsky and Jones (1976).
+Source: as `fault_sensitivity`.
 """
 
 from __future__ import annotations
@@ -26,13 +21,12 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance, variance
-from ..error_model import apply_transition
-from ..state import ATTITUDE, HEADING_AXIS, NAVIGATING, NEVER_NS, STATES
-from .time_offset_step import chi2_beyond
+from ..ekf import variance
+from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS
+from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from ..types import Core, Parameters
 
 TUNABLES = (
     Tunable("compass_offset_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves an offset.", "5.5 sigma."),
@@ -84,9 +78,8 @@ def open_compass_offset(c: Core, given: bool) -> None:
     g = c.compass_offset
     g.onset_ns, g.unconfirmed = c.nav.t_ns, 1 if given else 0
     g.information = g.vector = g.energy = g.count = g.heading_variance = g.turn_variance = 0.0
-    for i in range(STATES):
-        g.sensitivity[i, 0] = 0.0
-    g.sensitivity[ATTITUDE + 2, 0] = -1.0 if given else 0.0
+    open_column(c, COMPASS_FAULT)
+    set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
 
 
 @kernel
@@ -110,47 +103,17 @@ def is_unconfirmed(c: Core) -> bool:
 
 
 @kernel
-def propagate_compass_offset(c: Core, transition: Transition) -> None:
-    """w <- transition w."""
-    if c.compass_offset.onset_ns != NEVER_NS and c.alignment.mode == NAVIGATING:
-        apply_transition(c.compass_offset.sensitivity, 1, transition)
-
-
-@kernel
-def mean_innovation(c: Core, length: int) -> float:
-    """h w, the mean of an innovation per rad of the offset; the Jacobian has `length` elements."""
-    hw = 0.0
-    for k in range(length):
-        hw += c.scratch.values[k] * c.compass_offset.sensitivity[c.scratch.columns[k], 0]
-    return hw
-
-
-@kernel
-def add_to_compass_offset(p: Parameters, c: Core, length: int, z: float, s: float, axis: int) -> None:
+def add_to_compass_offset(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add a horizontal innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
     g = c.compass_offset
     if g.onset_ns == NEVER_NS or axis < 0:
         return
-    hw = mean_innovation(c, length)
+    hw = c.scratch.fault_innovation[COMPASS_FAULT]
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_correlation_s, 1.0)
     g.information += weight * hw * hw / s
     g.vector += weight * hw * z / s
     g.energy += weight * z * z / s
     g.count += weight
-
-
-@kernel
-def update_compass_offset(c: Core, length: int, s: float, axis: int) -> None:
-    """w <- w - K (b + h w) before the scalar update that follows, of variance s; P h is in scratch.d.
-
-    b: 1 for a heading, else 0.
-    """
-    g = c.compass_offset
-    if g.onset_ns == NEVER_NS:
-        return
-    share = (mean_innovation(c, length) + (1.0 if axis == HEADING_AXIS else 0.0)) / s
-    for i in range(STATES):
-        g.sensitivity[i, 0] -= share * c.scratch.d[i]
 
 
 @kernel
@@ -172,7 +135,7 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     information = g.information + 1.0 / p.tuning.compass_offset_prior**2
     d, sigma = g.vector / information, 1.0 / math.sqrt(information)
     chi2 = chi2_beyond(information, g.vector, g.energy, g.count)
-    turned = g.sensitivity[ATTITUDE + 2, 0] * d
+    turned = c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT] * d
     g.heading_variance = turned * turned if chi2 > p.tuning.likely_compass_offset_chi2 else 0.0
     if g.unconfirmed:
         g.heading_variance = max(g.heading_variance, g.turn_variance)
@@ -203,12 +166,9 @@ def correct_compass_offset(p: Parameters, c: Core, d: float) -> bool:
 
     False: it is too large for that, or not constant.
     """
-    g, w, d2 = c.compass_offset, c.compass_offset.sensitivity, (d * p.tuning.compass_offset_share) ** 2
+    g = c.compass_offset
     residual = g.energy - explained_by_compass_offset(c)
     if abs(d) > p.tuning.max_compass_offset or residual > p.tuning.compass_offset_residual * g.count:
         return False
-    for i in range(STATES):
-        add_correction(c, i, w[i, 0] * d)
-        for k in range(i, STATES):
-            add_covariance(c, i, k, d2 * w[i, 0] * w[k, 0])
+    remove_fault(c, COMPASS_FAULT, d, d * p.tuning.compass_offset_share)
     return True

@@ -1,18 +1,15 @@
 """The drift test: do the receiver's positions drift with a constant velocity that the vehicle does not have?
 
-Each position of a drifting receiver is within its gate, so the filter follows the drift. The filter's own gains give
-the sensitivity of the estimate, and of every innovation, to a drift of 1 m/s (Friedland). This sensitivity is
-propagated for three hypothetical onsets of the drift. From the innovations the drift velocity since each onset is
-estimated by least squares, and its chi-square is compared with a threshold (generalized likelihood ratio, GLR). When a
-drift is detected, its effect is removed from the estimate, the uncertainty of the drift velocity is added to P, and
-further positions are rejected (see `aiding.gnss_gate`). While it is likely, but not detected, the solution states its
-effect as an error.
+Each position of a drifting receiver is within its gate, so the filter follows the drift, a fault of
+`fault_sensitivity` with three hypothetical onsets. From the innovations of the positions that are used, the drift
+velocity since each onset is estimated by least squares, and its chi-square is compared with a threshold. When a drift
+is detected, the fault is removed, and further positions are rejected (see `aiding.gnss_gate`). While it is likely, but
+not detected, the solution states its effect as an error.
 
 The position error of a receiver is not as large as the receiver reports. `noise_scale` is the ratio of the two
 variances, learned from the drift estimates of onsets at which no drift was detected.
 
-Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones, A generalized likelihood ratio
-approach to the detection and estimation of jumps in linear systems (1976).
+Source: as `fault_sensitivity`.
 """
 
 from __future__ import annotations
@@ -20,18 +17,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance
-from ..error_model import apply_transition
-from ..state import NEVER_NS, ONSETS, POSITION, STATES, VELOCITY, VELOCITY_AXIS
+from ..state import DRIFT_FAULT, NEVER_NS, ONSETS, POSITION, VELOCITY, VELOCITY_AXIS
+from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from ..types import Core, Parameters
 
 
 TUNABLES = (
@@ -97,10 +91,10 @@ def clear_likely_drift(c: Core) -> None:
 @kernel
 def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
     """Store what the likely drift `found` since onset j adds to the stated variances."""
-    g = c.drift
+    g, u, n = c.drift, c.faults.sensitivity, DRIFT_FAULT + 2 * j
     for i in range(2):
-        p = g.bias_sensitivity[POSITION + i, 2 * j] * found[0] + g.bias_sensitivity[POSITION + i, 2 * j + 1] * found[1]
-        v = g.bias_sensitivity[VELOCITY + i, 2 * j] * found[0] + g.bias_sensitivity[VELOCITY + i, 2 * j + 1] * found[1]
+        p = u[POSITION + i, n] * found[0] + u[POSITION + i, n + 1] * found[1]
+        v = u[VELOCITY + i, n] * found[0] + u[VELOCITY + i, n + 1] * found[1]
         g.position_variance[i] = max(g.position_variance[i], p * p)
         g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
 
@@ -133,9 +127,8 @@ def open_onset(c: Core, j: int) -> None:
         g.information_vector[j, i] = 0.0
     for i in range(3):
         g.information_matrix[j, i] = 0.0
-    for i in range(STATES):
-        g.bias_sensitivity[i, 2 * j] = 0.0
-        g.bias_sensitivity[i, 2 * j + 1] = 0.0
+    open_column(c, DRIFT_FAULT + 2 * j)
+    open_column(c, DRIFT_FAULT + 2 * j + 1)
 
 
 @kernel
@@ -156,50 +149,25 @@ def clear_velocity_sensitivity(c: Core) -> None:
     """Set the sensitivity of the velocity to zero, after the velocity was set without use of GNSS."""
     for i in range(3):
         for j in range(2 * ONSETS):
-            c.drift.bias_sensitivity[VELOCITY + i, j] = 0.0
+            set_sensitivity(c, VELOCITY + i, DRIFT_FAULT + j, 0.0)
 
 
 @kernel
-def propagate_sensitivity(c: Core, transition: Transition) -> None:
-    """Propagate the sensitivities as error states are propagated: V <- transition V."""
-    apply_transition(c.drift.bias_sensitivity, 2 * ONSETS, transition)
-
-
-@kernel
-def update_sensitivity(c: Core, length: int, s: float, z: float, axis: int) -> None:
-    """Sensitivity of the estimate after the scalar update that follows: V <- V + K (b - h V); call before the update.
-
-    The Jacobian h has `length` elements, innovation z has variance s, the gain is in scratch.gain. axis: 0 for a GNSS
-    position north, 1 east, whose sensitivity b is the time since the onset; -1: any other measurement, b = 0.
-    """
+def add_to_drift(c: Core, z: float, s: float, axis: int) -> None:
+    """Add an innovation z of variance s that is fused, if it is of a horizontal position; axis: see `fuse`."""
+    if not 0 <= axis < VELOCITY_AXIS:
+        return
     g = c.drift
-    unexplained = np.empty(2 * ONSETS)  # b - h V
-    for j in range(2 * ONSETS):
-        unexplained[j] = 0.0
-    for k in range(length):
-        for j in range(2 * ONSETS):
-            unexplained[j] -= c.scratch.values[k] * g.bias_sensitivity[c.scratch.columns[k], j]
     for j in range(ONSETS):
-        first = 2 * j
-        north, east = unexplained[first], unexplained[first + 1]
-        if g.onset_ns[j] == NEVER_NS:
-            north = east = 0.0
-        elif 0 <= axis < VELOCITY_AXIS:
-            since = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
-            if axis == 0:
-                north += since
-            else:
-                east += since
+        north = c.scratch.fault_innovation[DRIFT_FAULT + 2 * j]
+        east = c.scratch.fault_innovation[DRIFT_FAULT + 2 * j + 1]
+        if g.onset_ns[j] != NEVER_NS:
             g.information_vector[j, 0] += north * z / s
             g.information_vector[j, 1] += east * z / s
             g.information_matrix[j, 0] += north * north / s
             g.information_matrix[j, 1] += north * east / s
             g.information_matrix[j, 2] += east * east / s
             g.innovation_count[j] += 1
-        unexplained[first], unexplained[first + 1] = north, east
-    for i in range(STATES):
-        for j in range(2 * ONSETS):
-            g.bias_sensitivity[i, j] += c.scratch.gain[i] * unexplained[j]
 
 
 @kernel
@@ -243,19 +211,6 @@ def explained_by_drift(p: Parameters, c: Core) -> float:
 
 
 @kernel
-def remove_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
-    """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
-    vn, ve, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
-    u, first = c.drift.bias_sensitivity, 2 * j
-    for i in range(STATES):
-        add_correction(c, i, -(u[i, first] * vn + u[i, first + 1] * ve))
-        a = pnn * u[i, first] + pne * u[i, first + 1]
-        b = pne * u[i, first] + pee * u[i, first + 1]
-        for k in range(i, STATES):
-            add_covariance(c, i, k, a * u[k, first] + b * u[k, first + 1])
-
-
-@kernel
 def learn_gnss_noise_scale(p: Parameters, c: Core, ratio: float) -> None:
     """Learn from `ratio`, the squared drift velocity over its variance, of an onset at which no drift was detected.
 
@@ -291,7 +246,8 @@ def detect_drift(p: Parameters, c: Core) -> bool:
             if found[5] > worst:
                 best, worst = j, found[5]
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
-        remove_drift(c, best, estimate_drift(p, c, best, g.noise_scale))
+        found = estimate_drift(p, c, best, g.noise_scale)
+        remove_drift(c, DRIFT_FAULT + 2 * best, (found[0], found[1]), found[2], found[3], found[4])
         reset_drift(c)
         g.detected = BY_POSITIONS
         return True

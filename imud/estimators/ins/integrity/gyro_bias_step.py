@@ -5,36 +5,33 @@ compass, and a step of the time offset must not explain more: the innovations lo
 
 A knock, a change of temperature, or a wrong scale factor in a long turn changes a bias whose variance is small. No
 fix measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by
-much. As in `time_offset_step`, the effect w of a step d of the bias since an onset follows the filter's own steps,
-and its chi-square, over the mean square of the residuals, decides. Only horizontal velocities count, as positions may
+much. A step d of the bias since an onset is a fault of `fault_sensitivity`, whose chi-square, over the mean square of
+the residuals, decides. Only horizontal velocities count, as positions may
 drift; those of one second share the receiver's part of their variance. Of a receiver without velocities the accepted
 positions count, with the variance that `gnss_drift` has learned, and a drift must not explain more. The prior of d is
 that of the bias at switch-on. A slow vehicle shows a step within many seconds, an agile one sooner: each further onset
 is kept for twice as long as the one before.
 
-When a step is detected, x += w d and P += sigma^2 (w w' + b b') with sigma = `gyro_bias_step_share` d; b has the body's
-vertical axis in its elements GYRO_BIAS. While a step is likely but not detected, the solution adds (w d)^2
-to the stated variance of the heading.
+When a step is detected, the fault is removed with sigma = `gyro_bias_step_share` d, and P += sigma^2 b b', with the
+body's vertical axis at GYRO_BIAS in b. While a step is likely but not detected, the solution adds the square of what it
+does to the heading to the stated variance.
 
-Source: as `time_offset_step`.
+Source: as `fault_sensitivity`.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance
-from ..error_model import apply_transition
+from ..ekf import add_covariance
 from ..mechanization import rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, NEVER_NS, STATES, VELOCITY_AXIS
-from .time_offset_step import chi2_beyond
+from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, GYRO_STEP_FAULT, NEVER_NS, VELOCITY_AXIS
+from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from ..types import Core, Parameters
 
 TUNABLES = (
     Tunable("gyro_bias_step_chi2", 12.0, "", "Chi-square (1 degree of freedom) that proves a step.", "3.5 sigma."),
@@ -73,26 +70,9 @@ def open_gyro_bias_step(c: Core, j: int) -> None:
     g, C_nb = c.gyro_bias_step, rotation_matrix(c)
     g.onset_ns[j] = c.nav.t_ns
     g.information[j] = g.vector[j] = g.energy[j] = g.count[j] = 0.0
-    for i in range(STATES):
-        g.sensitivity[i, j] = 0.0
+    open_column(c, GYRO_STEP_FAULT + j)
     for i in range(3):
-        g.sensitivity[GYRO_BIAS + i, j] = C_nb[6 + i]
-
-
-@kernel
-def propagate_gyro_bias_step(c: Core, transition: Transition) -> None:
-    """w <- transition w."""
-    if c.gyro_bias_step.onset_ns[0] != NEVER_NS:
-        apply_transition(c.gyro_bias_step.sensitivity, GYRO_BIAS_ONSETS, transition)
-
-
-@kernel
-def mean_innovation(c: Core, length: int, j: int) -> float:
-    """h w of onset j, m/s per rad/s; the Jacobian has `length` elements."""
-    hw = 0.0
-    for k in range(length):
-        hw += c.scratch.values[k] * c.gyro_bias_step.sensitivity[c.scratch.columns[k], j]
-    return hw
+        set_sensitivity(c, GYRO_BIAS + i, GYRO_STEP_FAULT + j, -C_nb[6 + i])
 
 
 @kernel
@@ -118,13 +98,13 @@ def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
 
 
 @kernel
-def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: float, r: float, axis: int) -> None:
+def add_to_gyro_bias_step(p: Parameters, c: Core, z: float, s: float, r: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix to the sums; call before its update. The rest: see `weight_of`."""
     g, weight = c.gyro_bias_step, weight_of(p, c, s, r, axis)
     if weight == 0.0:
         return
     for j in range(GYRO_BIAS_ONSETS):
-        hw = mean_innovation(c, length, j)
+        hw = c.scratch.fault_innovation[GYRO_STEP_FAULT + j]
         g.information[j] += weight * hw * hw / s
         g.vector[j] += weight * hw * z / s
         g.energy[j] += weight * z * z / s
@@ -132,35 +112,13 @@ def add_to_gyro_bias_step(p: Parameters, c: Core, length: int, z: float, s: floa
 
 
 @kernel
-def update_gyro_bias_step(c: Core, length: int, s: float) -> None:
-    """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
-    if c.gyro_bias_step.onset_ns[0] == NEVER_NS:
-        return
-    w = c.gyro_bias_step.sensitivity
-    share = np.empty(GYRO_BIAS_ONSETS)
-    for j in range(GYRO_BIAS_ONSETS):
-        share[j] = 0.0
-    for k in range(length):
-        for j in range(GYRO_BIAS_ONSETS):
-            share[j] += c.scratch.values[k] * w[c.scratch.columns[k], j]
-    for j in range(GYRO_BIAS_ONSETS):
-        share[j] /= s
-    for i in range(STATES):
-        for j in range(GYRO_BIAS_ONSETS):
-            w[i, j] -= share[j] * c.scratch.d[i]
-
-
-@kernel
 def apply_gyro_bias_step(p: Parameters, c: Core, j: int, d: float) -> None:
     """Gather a step of d rad/s since onset j in scratch.x, and add its variance to P; see the file's head."""
-    w, C_nb, d2 = c.gyro_bias_step.sensitivity, rotation_matrix(c), d * d * p.tuning.gyro_bias_step_share**2
-    for i in range(STATES):
-        add_correction(c, i, w[i, j] * d)
-        for k in range(i, STATES):
-            add_covariance(c, i, k, d2 * w[i, j] * w[k, j])
+    C_nb, sigma = rotation_matrix(c), abs(d) * p.tuning.gyro_bias_step_share
+    remove_fault(c, GYRO_STEP_FAULT + j, d, sigma)
     for i in range(3):
         for k in range(i, 3):
-            add_covariance(c, GYRO_BIAS + i, GYRO_BIAS + k, d2 * C_nb[6 + i] * C_nb[6 + k])
+            add_covariance(c, GYRO_BIAS + i, GYRO_BIAS + k, sigma * sigma * C_nb[6 + i] * C_nb[6 + k])
 
 
 @kernel
@@ -190,7 +148,7 @@ def most_likely_onset(p: Parameters, c: Core) -> int:
     for j in range(GYRO_BIAS_ONSETS):
         chi2 = chi2_of(p, c, j)
         if chi2 > p.tuning.likely_gyro_bias_step_chi2:
-            turned = g.sensitivity[ATTITUDE + 2, j] * step_since(p, c, j)
+            turned = c.faults.sensitivity[ATTITUDE + 2, GYRO_STEP_FAULT + j] * step_since(p, c, j)
             g.heading_variance = max(g.heading_variance, turned * turned)
         if chi2 > most:
             best, most = j, chi2

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import GYRO_BIAS_ONSETS, ONSETS, STATES
+from ..state import FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
 
 INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     [
@@ -45,6 +45,11 @@ GRAVITY_MONITOR = np.dtype(
     align=True,
 )
 
+FAULT_SENSITIVITIES = np.dtype(
+    [("sensitivity", "<f8", (STATES, FAULTS))],  # error of the estimate per unit of each fault
+    align=True,
+)
+
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
         ("detected", "<i8"),  # by what: BY_POSITIONS, BY_WHEELS; 0: none is detected
@@ -55,11 +60,6 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
         ("innovation_count", "<i8", (ONSETS,)),  # since
         ("information_vector", "<f8", (ONSETS, 2)),  # s/m, of the drift velocity north and east
         ("information_matrix", "<f8", (ONSETS, 3)),  # s^2/m^2, upper triangle
-        (
-            "bias_sensitivity",
-            "<f8",
-            (STATES, 2 * ONSETS),
-        ),  # error states per m/s of drift, north and east for each onset
         ("position_variance", "<f8", (2,)),  # m^2, what a likely drift adds to the stated variances
         ("velocity_variance", "<f8", (2,)),  # m^2/s^2
     ],
@@ -75,7 +75,6 @@ VELOCITY_DRIFT = np.dtype(  # the test for a receiver that drifts and says so in
         ("energy", "<f8", (ONSETS,)),  # sum of their normalised innovations squared
         ("vector", "<f8", (ONSETS, 3)),  # information times drift north and east, m/s, and heading step, rad
         ("information", "<f8", (ONSETS, 6)),  # their information: nn, ne, ee, nh, eh, hh
-        ("sensitivity", "<f8", (STATES, 3 * ONSETS)),  # error states per unit of these
         ("drift", "<f8", (2,)),  # m/s, north and east, of the drift that was detected
         ("position_variance", "<f8", (2,)),  # m^2, what a likely drift adds to the stated variances
         ("velocity_variance", "<f8", (2,)),  # m^2/s^2
@@ -91,7 +90,6 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
         ("vector", "<f8"),  # 1/s, information times step
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<i8"),  # number of these
-        ("sensitivity", "<f8", (STATES, 1)),  # error states per second of the step
         ("jump", "<f8", (2, 3)),  # of positions north, east: sums of 1 / s, of mean / s, of innovation / s
     ],
     align=True,
@@ -110,7 +108,6 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
         ("vector", "<f8"),  # 1/rad, information times offset
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<f8"),  # number of these
-        ("sensitivity", "<f8", (STATES, 1)),  # error states per rad of the offset
         ("heading_variance", "<f8"),  # rad^2, beyond P: of an offset that is likely but not detected
     ],
     align=True,
@@ -126,7 +123,6 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
         ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step
         ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
-        ("sensitivity", "<f8", (STATES, GYRO_BIAS_ONSETS)),  # error states per rad/s of the step
     ],
     align=True,
 )

@@ -1,22 +1,17 @@
 """GLR test for a step of the receiver's time tags: the time offset then differs from its estimate.
 
 The variance of the old offset is small, so the filter would reject the fixes or distort the trajectory. A step d of the
-offset since an onset is an error like any other: its effect w on all error states, per second, follows the filter's own
-steps,
+offset since an onset is a fault of `fault_sensitivity`. Least squares over the innovations of positions and velocities
+since the onset, also of those that were rejected, gives d. Its chi-square is divided by the mean square of the
+residuals, so that errors of the receiver in any direction are no evidence of a step, and a constant jump of the
+position is eliminated first: only changes of the velocity distinguish the two. The onset is the last fix whose
+innovations were as expected, or after which a step could be excluded.
 
-    w = 1 at TIME_OFFSET at the onset,    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,
+When a step is detected, the fault is removed, and P += sigma^2 u u', with 1 at TIME_OFFSET and the velocity at
+POSITION in u. An offset and a displacement along the track cancel in every position (h u = 0); later fixes separate
+them.
 
-and an innovation z of variance s has the mean h w d. Least squares over the innovations of positions and velocities
-since the onset, also of those that were rejected, gives d, and its chi-square is compared with a threshold (generalized
-likelihood ratio, GLR). The chi-square is divided by the mean square of the residuals, so that errors of the receiver in
-any direction are no evidence of a step, and a constant jump of the position is eliminated first: only changes of the
-velocity distinguish the two. The onset is the last fix whose innovations were as expected, or after which a step
-could be excluded.
-
-When a step is detected, x += w d and P += sigma^2 (w w' + u u'), with 1 at TIME_OFFSET and v at POSITION in u. An
-offset and a displacement along the track cancel in every position (h u = 0); later fixes separate them.
-
-Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones (1976), as `gnss_drift`.
+Source: as `fault_sensitivity`.
 """
 
 from __future__ import annotations
@@ -26,12 +21,12 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance
-from ..error_model import apply_transition
-from ..state import NEVER_NS, POSITION, STATES, TIME_OFFSET, VELOCITY_AXIS
+from ..ekf import add_covariance
+from ..state import NEVER_NS, POSITION, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
+from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from ..types import Core, Parameters
 
 TUNABLES = (
     Tunable("time_offset_step_chi2", 30.0, "", "Chi-square (1 degree of freedom) that proves a step.", "5.5 sigma."),
@@ -75,32 +70,15 @@ def open_time_offset_step(c: Core) -> None:
     g.onset_ns = c.nav.t_ns
     g.information = g.vector = g.energy = 0.0
     g.count = 0
-    for i in range(STATES):
-        g.sensitivity[i, 0] = 0.0
-    g.sensitivity[TIME_OFFSET, 0] = 1.0
+    open_column(c, TIME_STEP_FAULT)
+    set_sensitivity(c, TIME_OFFSET, TIME_STEP_FAULT, -1.0)
     g.jump[:] = 0.0
 
 
 @kernel
-def propagate_time_offset_step(c: Core, transition: Transition) -> None:
-    """w <- transition w."""
-    if c.time_offset_step.onset_ns != NEVER_NS:
-        apply_transition(c.time_offset_step.sensitivity, 1, transition)
-
-
-@kernel
-def mean_innovation(c: Core, length: int) -> float:
-    """h w, m or m/s per second of the step; the Jacobian has `length` elements."""
-    hw = 0.0
-    for k in range(length):
-        hw += c.scratch.values[k] * c.time_offset_step.sensitivity[c.scratch.columns[k], 0]
-    return hw
-
-
-@kernel
-def add_to_time_offset_step(c: Core, length: int, z: float, s: float, axis: int) -> None:
+def add_to_time_offset_step(c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
-    g, hw = c.time_offset_step, mean_innovation(c, length)
+    g, hw = c.time_offset_step, c.scratch.fault_innovation[TIME_STEP_FAULT]
     g.information += hw * hw / s
     g.vector += hw * z / s
     g.energy += z * z / s
@@ -110,25 +88,6 @@ def add_to_time_offset_step(c: Core, length: int, z: float, s: float, axis: int)
     g.jump[axis, 0] += 1.0 / s
     g.jump[axis, 1] += hw / s
     g.jump[axis, 2] += z / s
-
-
-@kernel
-def update_time_offset_step(c: Core, length: int, s: float) -> None:
-    """w <- (I - K h) w before the scalar update that follows, of variance s; P h is in scratch.d."""
-    if c.time_offset_step.onset_ns == NEVER_NS:
-        return
-    share = mean_innovation(c, length) / s
-    for i in range(STATES):
-        c.time_offset_step.sensitivity[i, 0] -= share * c.scratch.d[i]
-
-
-@kernel
-def chi2_beyond(information: float, vector: float, energy: float, count: float) -> float:
-    """Chi-square of a step, over the mean square of what it leaves unexplained where that is above 1."""
-    if not (information > 0.0 and count > 0.0):
-        return 0.0
-    explained = vector * vector / information
-    return float(explained / max((energy - explained) / count, 1.0))
 
 
 @kernel
@@ -157,11 +116,8 @@ def explained_by_time_offset_step(c: Core) -> float:
 @kernel
 def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
     """Gather the step d, s, in scratch.x, and add its variance, of sigma s, to P; see the file's head."""
-    w, v, s2 = c.time_offset_step.sensitivity, c.nav.v_n, sigma * sigma
-    for i in range(STATES):
-        add_correction(c, i, w[i, 0] * d)
-        for k in range(i, STATES):
-            add_covariance(c, i, k, s2 * w[i, 0] * w[k, 0])
+    v, s2 = c.nav.v_n, sigma * sigma
+    remove_fault(c, TIME_STEP_FAULT, d, sigma)
     for i in range(3):
         for k in range(i, 3):
             add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])

@@ -1,17 +1,15 @@
 """GLR test for a receiver whose positions and velocities drift alike; it runs where wheels support the velocity.
 
 Positions and velocities of such a receiver agree with each other, so without wheels the filter follows it. With wheels
-the two contradict each other, and the innovations show it: as in `gnss_drift`, the sensitivity V of the estimate, and
-of every innovation, to a drift of 1 m/s since an onset follows the filter's own steps. b is 1 for a velocity of the
-receiver, the time since the onset for its position, 0 for anything else. On a straight road a drift across it looks
-like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of it is
-a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last fix
-after which no drift is likely; the others are kept for longer.
+the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
+looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
+it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
+fix after which no drift is likely; the others are kept for longer.
 
-When a drift is detected its effect is removed from the estimate, its uncertainty is added to P, and the receiver is
-rejected (`aiding.wheel_check`). While it is likely, but not detected, the solution states V d as an error.
+When a drift is detected, the fault is removed, and the receiver is rejected (`aiding.wheel_check`). While it is likely,
+but not detected, the solution states V d as an error.
 
-Source: as `gnss_drift`.
+Source: as `fault_sensitivity`.
 """
 
 from __future__ import annotations
@@ -19,18 +17,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance
-from ..error_model import apply_transition
-from ..state import ATTITUDE, NEVER_NS, ONSETS, POSITION, STATES, VELOCITY, VELOCITY_AXIS
+from ..state import ATTITUDE, NEVER_NS, ONSETS, POSITION, VELOCITY, VELOCITY_AXIS, VELOCITY_DRIFT_FAULT
+from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from ..types import Core, Parameters
 
 UNKNOWNS = 3  # of an onset: drift velocity north and east, step of the heading
 TUNABLES = (
@@ -117,6 +112,12 @@ def count_confirmation(p: Parameters, c: Core, agrees: bool) -> None:
 
 
 @kernel
+def column_of(j: int) -> int:
+    """Of onset j, the first of its sensitivities."""
+    return VELOCITY_DRIFT_FAULT + UNKNOWNS * j
+
+
+@kernel
 def open_velocity_drift(c: Core, j: int) -> None:
     """Open onset j at the core's time."""
     g = c.velocity_drift
@@ -125,48 +126,22 @@ def open_velocity_drift(c: Core, j: int) -> None:
     g.count[j] = 0.0
     for i in range(UNKNOWNS):
         g.vector[j, i] = 0.0
-        for k in range(STATES):
-            g.sensitivity[k, UNKNOWNS * j + i] = 0.0
+        open_column(c, column_of(j) + i)
     for i in range(6):
         g.information[j, i] = 0.0
-    g.sensitivity[ATTITUDE + 2, UNKNOWNS * j + 2] = -1.0
+    set_sensitivity(c, ATTITUDE + 2, column_of(j) + 2, -1.0)
 
 
 @kernel
-def propagate_velocity_drift(c: Core, transition: Transition) -> None:
-    """V <- transition V."""
-    if c.velocity_drift.onset_ns[0] != NEVER_NS:
-        apply_transition(c.velocity_drift.sensitivity, UNKNOWNS * ONSETS, transition)
-
-
-@kernel
-def direct_share(c: Core, axis: int, j: int, i: int) -> float:
-    """b: what unknown i since onset j adds to a measurement of this axis itself, per unit."""
-    if i < 2 and axis == i:
-        return 1e-9 * (c.nav.t_ns - c.velocity_drift.onset_ns[j])
-    return 1.0 if i < 2 and axis == VELOCITY_AXIS + i else 0.0
-
-
-@kernel
-def mean_innovation(c: Core, length: int, axis: int, j: int, i: int) -> float:
-    """Mean of an innovation per unit of unknown i since onset j: b - h V; the Jacobian has `length` elements."""
-    b = direct_share(c, axis, j, i)
-    for k in range(length):
-        b -= c.scratch.values[k] * c.velocity_drift.sensitivity[c.scratch.columns[k], UNKNOWNS * j + i]
-    return b
-
-
-@kernel
-def add_to_velocity_drift(p: Parameters, c: Core, length: int, z: float, s: float, axis: int) -> None:
+def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not, if it is a horizontal velocity; axis: see `fuse`."""
     g = c.velocity_drift
     if axis < VELOCITY_AXIS or g.onset_ns[0] == NEVER_NS:
         return
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.velocity_drift_correlation_s, 1.0) / s
+    mean = c.scratch.fault_innovation
     for j in range(ONSETS):
-        north = mean_innovation(c, length, axis, j, 0)
-        east = mean_innovation(c, length, axis, j, 1)
-        turned = mean_innovation(c, length, axis, j, 2)
+        north, east, turned = mean[column_of(j)], mean[column_of(j) + 1], mean[column_of(j) + 2]
         g.vector[j, 0] += weight * north * z
         g.vector[j, 1] += weight * east * z
         g.vector[j, 2] += weight * turned * z
@@ -178,26 +153,6 @@ def add_to_velocity_drift(p: Parameters, c: Core, length: int, z: float, s: floa
         g.information[j, 5] += weight * turned * turned
         g.energy[j] += weight * z * z
         g.count[j] += weight * s
-
-
-@kernel
-def update_velocity_drift(c: Core, length: int, s: float, axis: int) -> None:
-    """V <- V + K (b - h V) before the scalar update that follows, of variance s; P h is in scratch.d."""
-    g = c.velocity_drift
-    if g.onset_ns[0] == NEVER_NS:
-        return
-    share = np.empty(UNKNOWNS * ONSETS)
-    for j in range(ONSETS):
-        for n in range(UNKNOWNS):
-            share[UNKNOWNS * j + n] = direct_share(c, axis, j, n)
-    for k in range(length):
-        for m in range(UNKNOWNS * ONSETS):
-            share[m] -= c.scratch.values[k] * g.sensitivity[c.scratch.columns[k], m]
-    for m in range(UNKNOWNS * ONSETS):
-        share[m] /= s
-    for i in range(STATES):
-        for m in range(UNKNOWNS * ONSETS):
-            g.sensitivity[i, m] += share[m] * c.scratch.d[i]
 
 
 @kernel
@@ -225,28 +180,15 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
 
 
 @kernel
-def remove_velocity_drift(c: Core, j: int, found: Any) -> None:
-    """Gather in scratch.x the correction that removes the drift `found` since onset j, and add its covariance to P."""
-    north, east, pnn, pne, pee = found[0], found[1], found[2], found[3], found[4]
-    u, n = c.velocity_drift.sensitivity, UNKNOWNS * j
-    for i in range(STATES):
-        add_correction(c, i, -(u[i, n] * north + u[i, n + 1] * east))
-        a = pnn * u[i, n] + pne * u[i, n + 1]
-        b = pne * u[i, n] + pee * u[i, n + 1]
-        for k in range(i, STATES):
-            add_covariance(c, i, k, a * u[k, n] + b * u[k, n + 1])
-
-
-@kernel
 def state_likely_drift(c: Core, j: int, found: Any) -> None:
     """Store what the likely drift `found` since onset j adds to the stated variances."""
-    g, n = c.velocity_drift, UNKNOWNS * j
+    g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(j)
     for i in range(2):
-        p = g.sensitivity[POSITION + i, n] * found[0] + g.sensitivity[POSITION + i, n + 1] * found[1]
-        v = g.sensitivity[VELOCITY + i, n] * found[0] + g.sensitivity[VELOCITY + i, n + 1] * found[1]
+        p = u[POSITION + i, n] * found[0] + u[POSITION + i, n + 1] * found[1]
+        v = u[VELOCITY + i, n] * found[0] + u[VELOCITY + i, n + 1] * found[1]
         g.position_variance[i] = max(g.position_variance[i], p * p)
         g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
-    turned = g.sensitivity[ATTITUDE + 2, n] * found[0] + g.sensitivity[ATTITUDE + 2, n + 1] * found[1]
+    turned = u[ATTITUDE + 2, n] * found[0] + u[ATTITUDE + 2, n + 1] * found[1]
     g.heading_variance = max(g.heading_variance, turned * turned)
 
 
@@ -281,7 +223,7 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
                 best, most = j, found[5]
     if most > p.tuning.velocity_drift_chi2:
         found = estimate_velocity_drift(p, c, best)
-        remove_velocity_drift(c, best, found)
+        remove_drift(c, column_of(best), (found[0], found[1]), found[2], found[3], found[4])
         store_drift(c, found[0], found[1])
         reset_velocity_drift(c)
         return float(elementary.hypot(found[0], found[1]))

@@ -152,7 +152,7 @@ def test_positions_of_a_survey_that_drift_are_rejected_or_inflate_the_covariance
         rng = np.random.default_rng(seed)
         samples, fixes = sensed(D, rng), received(D, rng, late=0.1, sigma=0.0, white=0.01)
         fixes["sigma"], fixes["speed"], fixes["course"] = (0.02, 0.02, 0.04), np.nan, np.nan
-        out = navigate(samples, moved(fixes, 90.0, 150.0, 0.0, per_second=1.0))[0]
+        out = navigate(samples, moved(fixes, 90.0, 150.0, 0.0, per_second=1.0), settings_of())[0]
         wrong.append(wrong_and_sure_s(D, out))
     assert sorted(wrong)[-2] < 3.0  # silent: 25 s at least
 
@@ -364,6 +364,6 @@ def test_lever_arm_is_taken_out():
     samples = sensed(D, rng)
     set_ = Settings(navigation=Navigation(lever_arm_m=tuple(lever)))
     with_arm = errors(D, navigate(samples, fixes, set_)[0])[0][at(80.0) :]
-    without = errors(D, navigate(samples, fixes)[0])[0][at(80.0) :]
+    without = errors(D, navigate(samples, fixes, settings_of())[0])[0][at(80.0) :]
     assert np.sqrt(np.mean(with_arm**2)) < 0.15
     assert np.sqrt(np.mean(without**2)) > 1.0

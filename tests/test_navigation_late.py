@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from navigation_runner import navigate
+from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_jacobians import record
 
@@ -94,7 +94,7 @@ def test_the_stamps_of_a_survey_may_be_wrong(stamp):
     fixes = received(D, rng, stamp=stamp, sigma=0.0, white=0.02)
     fixes["sigma"], fixes["speed"], fixes["course"] = (0.02, 0.02, 0.04), np.nan, np.nan
     fixes["arrival_ns"] = fixes["t_ns"]
-    out, _, state = navigate(samples, fixes)
+    out, _, state = navigate(samples, fixes, settings_of())
     heading, valid = errors(D, out)[2][:, 2], (out["status"] & HEADING_VALID) > 0
     assert valid[60 * RATE :].all()
     assert (np.abs(heading[valid]) < np.maximum(np.radians(5.0), 4.0 * out["sigma_rpy"][valid, 2])).all()

@@ -1,24 +1,29 @@
 """The lever arm of the antenna as error states: found where the vehicle turns, and never surer than it may be."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from navigation_runner import navigate
+from navigation_runner import fixes_of, navigate
 from navigation_simulation import at_antenna, drive, errors, received, sensed, walk
+from replay_in_process import new_filter, replay
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.daemon.status_reporter import StatusReporter
 from imud.estimators.ins.aiding.gnss_noise import set_gnss_lever_arm
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import GNSS_LEVER_ARM, STATES
 from imud.math.kalman import packed_index, unpack
+from imud.process.contained import ContainedErrors
 from imud.sensor_errors.profiles import PROFILES
 
 SIGMA = 0.7  # m
 TRUE = np.array([1.0, -0.5, -1.4])
 
 
-def run(seed, survey, sigma=SIGMA, mistake=None):
+def run(seed, survey, sigma=SIGMA, mistake=None, given=None):
     """(error and covariance of the lever arm, errors of position, velocity and attitude, their sigmas) of a drive."""
     profile, rng = PROFILES["consumer-mems"], np.random.default_rng(seed)
     d = drive(120.0, speed=float(rng.uniform(4.0, 15.0)))
@@ -30,7 +35,8 @@ def run(seed, survey, sigma=SIGMA, mistake=None):
     fixes["speed"] += 0.05 * rng.standard_normal(len(fixes))
     if survey:
         fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
-    given = TRUE + (SIGMA * rng.standard_normal(3) if mistake is None else mistake)
+    if given is None:
+        given = TRUE + (SIGMA * rng.standard_normal(3) if mistake is None else mistake)
     arm = {"lever_arm_m": tuple(map(float, given)), "lever_arm_sigma_m": sigma}
     out, _, state = navigate(samples, fixes, Settings(imu=Imu(profile="consumer-mems"), navigation=Navigation(**arm)))
     c = state["core"][0, 0]
@@ -93,17 +99,60 @@ def test_without_a_sigma_it_stays_as_given():
     assert not P.any()
 
 
+def test_one_that_is_not_set_is_estimated_from_positions_of_centimetres():
+    runs = [run(seed, True, "auto", given=(0.0, 0.0, 0.0)) for seed in range(4)]
+    assert np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in runs])) < 0.1
+    for e, P, of, sigmas in runs:
+        assert (np.abs(e) < 3.0 * np.sqrt(np.diag(P))).all()
+        assert (np.abs(of[2][:, 2]) < 4.0 * sigmas[2][:, 2]).all()
+
+
+def test_one_that_is_not_set_is_taken_as_zero_by_a_receiver_of_metres():
+    error, P, _, _ = run(5, False, "auto", given=(0.0, 0.0, 0.0))
+    assert error == pytest.approx(TRUE, abs=1e-12)
+    assert not P.any()
+
+
+def test_a_given_one_is_exact_unless_its_sigma_says_otherwise():
+    error, P, _, _ = run(5, True, "auto", mistake=np.array([0.3, 0.2, -0.1]))
+    assert error == pytest.approx([-0.3, -0.2, 0.1], abs=1e-12)
+    assert not P.any()
+
+
+def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
+    rng, warnings = np.random.default_rng(1), []
+    d = drive(60.0)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.0, white=0.02)
+    for sigma, lever_arm_sigma_m, expected in ((0.02, "auto", 1), (2.0, "auto", 0), (0.02, 0.0, 0)):
+        fixes["sigma"] = sigma
+        filter_ = new_filter(
+            "navigation", samples, Settings(navigation=Navigation(lever_arm_sigma_m=lever_arm_sigma_m))
+        )
+        replay(filter_, samples, fixes)
+        inertial = SimpleNamespace(stream=SimpleNamespace(filter=filter_))
+        reporter = StatusReporter(SimpleNamespace(selection=SimpleNamespace(inertial=inertial)), ContainedErrors())
+        reporter._log = SimpleNamespace(warning=warnings.append)
+        for second in range(3):
+            reporter._warn_if_lever_arm_is_unset(second * 10**9)
+        assert len(warnings) == expected
+        assert all("navigation.lever_arm_m" in text for text in warnings)
+        warnings.clear()
+
+
 def test_a_changed_setting_begins_anew():
     def parameters(arm, sigma):
         return configure(Settings(navigation=Navigation(lever_arm_m=arm, lever_arm_sigma_m=sigma)), 100.0)[0]
 
     settings = [((1.0, 2.0, 3.0), 0.5), ((1.0, 2.0, -3.0), 0.5), ((1.0, 2.0, -3.0), 0.2)]
-    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    c, fix = (
+        start(configure(Settings(), 100.0), Initial())[0]["core"][0],
+        fixes_of({"t_s": [0.0]}, 1).view(np.recarray)[0],
+    )
     for arm, sigma in settings:
-        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray))
+        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray), fix)
         assert tuple(c["nav"]["gnss_lever_arm"]) == arm
         variances = [c["cov"]["P"][interpreted(packed_index)(STATES, i, i)] for i in range(GNSS_LEVER_ARM, STATES)]
         assert variances == pytest.approx([sigma**2] * 3)
         c["nav"]["gnss_lever_arm"] += 0.1  # found by the filter: kept
-        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray))
+        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray), fix)
         assert tuple(c["nav"]["gnss_lever_arm"]) == pytest.approx(np.add(arm, 0.1))

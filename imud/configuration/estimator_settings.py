@@ -37,9 +37,13 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="Antenna from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),
     ] = (0.0, 0.0, 0.0)
     lever_arm_sigma_m: Annotated[
-        float,
-        number(0.0, 10.0, "m", "1 sigma of each component of it, which is then estimated; 0: it is exact.", hot=True),
-    ] = 0.0
+        Literal["auto"] | Annotated[float, number(0.0, 10.0, "m")],
+        Meta(
+            description="1 sigma of each component of it, which is then estimated; 0: it is exact. `auto`: exact if it "
+            "is given; [0, 0, 0] is estimated from positions of centimetres, as unknown by a metre.",
+            extra=HOT,
+        ),
+    ] = "auto"
     tuning: Tuning = {}
 
 

@@ -3,6 +3,7 @@
 import time
 from typing import TYPE_CHECKING, Any
 
+from ..estimators.filter_states import OncePerPeriod, cells
 from ..estimators.records import ATTITUDE_VALID
 from ..outputs.all import Outputs
 from ..outputs.view import Health
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 
 _FRESH_NS = 100_000_000  # largest age of the health that clients get
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
+_LEVER_ARM_UNSET = (
+    "the receiver's positions are of centimetres, and the lever arm of its antenna is not set, so it is estimated: "
+    "set navigation.lever_arm_m, or navigation.lever_arm_sigma_m = 0 if the antenna is at the sensor"
+)
 
 
 class StatusReporter:
@@ -37,6 +42,7 @@ class StatusReporter:
         self._out_of_limits: tuple[str, ...] = ()
         self._checked_ns = 0
         self._started_ns = time.monotonic_ns()
+        self._lever_arm_period, self._lever_arm_warned = OncePerPeriod(), False
 
     @property
     def is_settled(self) -> bool:
@@ -50,6 +56,7 @@ class StatusReporter:
         status = 0 if newest is None else int(newest["status"])
         if self._change_logger.status(status, now_ns) & ATTITUDE_VALID:
             self._warn_if_upside_down()
+        self._warn_if_lever_arm_is_unset(now_ns)
         if self._devices.in_use.gnss and (message := self._devices.in_use.gnss.sensor.message):
             self._log.warning(message)
             self._devices.in_use.gnss.sensor.message = ""
@@ -82,6 +89,17 @@ class StatusReporter:
         inertial = self._devices.selection.inertial
         if inertial is not None and inertial.pipeline.samples[0]["f"][2] > 0.0:
             self._log.warning(_UPSIDE_DOWN)
+
+    def _warn_if_lever_arm_is_unset(self, now_ns: int) -> None:
+        """Warn, once, of a lever arm that the filter estimates because it is not set."""
+        inertial = self._devices.selection.inertial
+        if self._lever_arm_warned or inertial is None or not self._lever_arm_period.is_due(now_ns):
+            return
+        if inertial.pipeline.filter.settings.navigation.lever_arm_sigma_m != "auto":
+            return
+        if "gnss_lever_arm_x_m" in cells(inertial.pipeline.filter.filter_states()):
+            self._log.warning(_LEVER_ARM_UNSET)
+            self._lever_arm_warned = True
 
     def health(self, now_ns: int) -> Health:
         """The faults of the sensors."""

@@ -67,7 +67,7 @@ def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
     """Before the fix is fused: set its noise; of the first fix also the variance of the time offset."""
     if first:
         set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
-    set_gnss_lever_arm(p, c)
+    set_gnss_lever_arm(p, c, fix)
     set_gnss_noise(p, c, fix)
 
 

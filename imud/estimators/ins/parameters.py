@@ -133,6 +133,7 @@ PARAMETERS = np.dtype(
     [
         ("period", "<f8"),  # s, nominal time between samples
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("lever_arm_is_set", "<i8"),  # 1: by the user, or its sigma
         ("lever_arm_sigma", "<f8"),  # m, of each of its components; 0: they are not estimated
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
@@ -165,7 +166,9 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["tuning"] = values_of(TUNABLES, settings.navigation.tuning)
     r["period"] = 1.0 / rate_hz
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
-    r["lever_arm_sigma"] = settings.navigation.lever_arm_sigma_m
+    sigma = settings.navigation.lever_arm_sigma_m
+    r["lever_arm_is_set"] = sigma != "auto" or any(settings.navigation.lever_arm_m)
+    r["lever_arm_sigma"] = 0.0 if sigma == "auto" else sigma
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     r["track_width"] = settings.aiding.track_width_m

@@ -16,6 +16,7 @@ class StoredSample:
 class Parameters:
     period: float
     gnss_lever_arm: Reals
+    lever_arm_is_set: int
     lever_arm_sigma: float
     heading_boresight: float
     odometer_lever_arm: Reals

@@ -59,6 +59,13 @@ TUNABLES = (
     ),
     Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "A ruler."),
     Tunable(
+        "unset_lever_arm_sigma",
+        1.0,
+        "m",
+        "Sigma of each component of a lever arm that the user has not set.",
+        "Roofs of cars, masts of robots.",
+    ),
+    Tunable(
         "time_offset_floor",
         0.01,
         "s/m",
@@ -94,18 +101,30 @@ def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
 
 
 @kernel
-def set_gnss_lever_arm(p: Parameters, c: Core) -> None:
+def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
+    """1 sigma of each component of the lever arm, m: the user's, or of one that is not set.
+
+    That one is estimated from the first position on that is exact enough to show it; until then it is zero.
+    """
+    if p.lever_arm_is_set:
+        return float(p.lever_arm_sigma)
+    estimated = c.gnss.given_lever_arm[3] > 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
+    return float(p.tuning.unset_lever_arm_sigma if estimated else 0.0)
+
+
+@kernel
+def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
-    given = c.gnss.given_lever_arm
-    changed = given[3] != p.lever_arm_sigma
+    given, sigma = c.gnss.given_lever_arm, initial_lever_arm_sigma(p, c, fix)
+    changed = given[3] != sigma
     for i in range(3):
         changed = changed or given[i] != p.gnss_lever_arm[i]
     if not changed:
         return
-    given[3] = p.lever_arm_sigma
+    given[3] = sigma
     for i in range(3):
         given[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
-        decorrelate(c, GNSS_LEVER_ARM + i, p.lever_arm_sigma**2)
+        decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
 
 @kernel

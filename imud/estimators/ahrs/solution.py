@@ -26,6 +26,8 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     cut_off = s.clipping.missing_angle  # rad, about any axis
     unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
     unseen = elementary.hypot(unseen, elementary.hypot(cut_off, s.hypotheses.possible_tilt_error))
+    if s.stationarity.stationary == 1:
+        unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
     if (
         s.levelling.initialised == 1
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad

@@ -146,6 +146,9 @@ def check_gravity(p: Parameters, s: State) -> None:
     """At the first rest: a force whose magnitude is not gravity shows a sensor worse than assumed."""
     c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
     s.stationarity.gravity_checked = 1
+    s.stationarity.since_first_s = 0.0
+    for i in range(3):
+        s.stationarity.bias_sigma_first[i] = math.sqrt(variance(s, GYRO_BIAS + i))
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
     if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
         return
@@ -209,10 +212,45 @@ def gravity_is_fixed(p: Parameters, s: State) -> bool:
 
 
 @kernel
+def update_hidden_motion(p: Parameters, s: State) -> None:
+    """What a rest hides if it is even motion, times the root of the probability that it is.
+
+    A constant acceleration is a tilt, a constant turn about the vertical a gyro bias. What moves is shaken, even in its
+    quietest moment, by more than the noise of its sensor; and a turn makes one rate of three alike gyros the largest.
+    No such motion lasts. What was known before the first rest bounds the turn.
+    """
+    c, m = p.tuning, s.stationarity
+    f, w = m.f_mean, m.w_mean
+    force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    along = (w[0] * f[0] + w[1] * f[1] + w[2] * f[2]) / force2
+    turn2 = along * along * force2
+    across2 = max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - turn2, 0.0)
+    evidence = m.least_force_psd / (c.moving_vibration_ratio**2 * p.accel_psd)
+    evidence += turn2 / (c.turn_ratio**2 * (0.5 * across2 + c.min_bias_sigma_radps**2))
+    probability = c.even_motion_probability * evidence**2 / (1.0 + evidence**2)
+    root = math.sqrt(probability * elementary.exp(-m.since_first_s / c.max_curve_time_s))
+    m.hidden_tilt = root * c.even_acceleration_mps2 / s.nav.gravity
+    for i in range(3):
+        m.hidden_turn[i] = root * min(abs(along * f[i]), m.bias_sigma_first[i])
+
+
+@kernel
+def add_hidden_motion(s: State) -> None:
+    """When rest ends: it may have been even motion."""
+    m = s.stationarity
+    for i in range(3):
+        add_variance(s, GYRO_BIAS + i, m.hidden_turn[i] ** 2)
+    for i in range(2):
+        add_variance(s, ATTITUDE + i, m.hidden_tilt**2)
+
+
+@kernel
 def detect_stationary(p: Parameters, s: State) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
     c, m = p.tuning, s.stationarity
+    was_stationary = m.stationary == 1
     m.stationary = 0
+    m.since_first_s += s.integrals.time
     if m.low_motion_s < c.stationary_time_s:
         m.bias_mismatch_s = 0.0
         return False
@@ -236,9 +274,11 @@ def detect_stationary(p: Parameters, s: State) -> bool:
             restart_means_at_last(s)
             m.bias_mismatch_s = 0.0
             return False
+        m.least_force_psd = min(m.least_force_psd, m.force_psd) if was_stationary else m.force_psd
         m.stationary = 1
         for i in range(3):
             m.f_at_rest[i] = m.f_mean[i]
+        update_hidden_motion(p, s)
         return True
     m.bias_mismatch_s += s.integrals.time
     if rate_is_likelier_bias(p, s):

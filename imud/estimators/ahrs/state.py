@@ -148,11 +148,12 @@ STATIONARITY = np.dtype(
         ("bias_mismatch_s", "<f8"),  # for how long the mean rate at low motion has contradicted the known bias
         ("stationary", "<i8"),
         ("since_first_s", "<f8"),  # since the first rest began
-        ("bias_sigma_first", "<f8", (3,)),  # rad/s, how well the gyro bias was known then
+        ("bias_sigma_first", "<f8"),  # rad/s, how well the gyro bias was known then
         ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
         # of an even motion that the rest may have been, with its probability: the standard deviations
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch
-        ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias
+        ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias while it is measured
+        ("hidden_angle", "<f8"),  # rad, of yaw, that this has made
         ("gravity_checked", "<i8"),  # 1: the magnitude of the force at the first rest was compared with gravity
     ],
     align=True,

@@ -28,7 +28,7 @@ from ...compile.jit import kernel
 from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .divergence import inflate_covariance
-from .error_model import add_variance, reset_variance, variance
+from .error_model import add_bias_variance, add_variance, reset_variance, variance
 from .mechanization import compensate_force
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
 
@@ -146,9 +146,9 @@ def check_gravity(p: Parameters, s: State) -> None:
     """At the first rest: a force whose magnitude is not gravity shows a sensor worse than assumed."""
     c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
     s.stationarity.gravity_checked = 1
-    s.stationarity.since_first_s = 0.0
-    for i in range(3):
-        s.stationarity.bias_sigma_first[i] = math.sqrt(variance(s, GYRO_BIAS + i))
+    s.stationarity.since_first_s = s.stationarity.hidden_angle = 0.0
+    bias_var = max(variance(s, GYRO_BIAS), variance(s, GYRO_BIAS + 1), variance(s, GYRO_BIAS + 2))
+    s.stationarity.bias_sigma_first = math.sqrt(bias_var)
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
     if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
         return
@@ -230,18 +230,29 @@ def update_hidden_motion(p: Parameters, s: State) -> None:
     probability = c.even_motion_probability * evidence**2 / (1.0 + evidence**2)
     root = math.sqrt(probability * elementary.exp(-m.since_first_s / c.max_curve_time_s))
     m.hidden_tilt = root * c.even_acceleration_mps2 / s.nav.gravity
+    turn = root * min(math.sqrt(turn2), m.bias_sigma_first)
     for i in range(3):
-        m.hidden_turn[i] = root * min(abs(along * f[i]), m.bias_sigma_first[i])
+        m.hidden_turn[i] = turn * f[i] / math.sqrt(force2)
+    turned = turn * s.integrals.time
+    add_variance(s, ATTITUDE + 2, (2.0 * m.hidden_angle + turned) * turned)
+    m.hidden_angle += turned
 
 
 @kernel
 def add_hidden_motion(s: State) -> None:
-    """When rest ends: it may have been even motion."""
+    """When rest ends: the mean rate may have been a turn."""
+    turn = s.stationarity.hidden_turn
+    add_bias_variance(s, (turn[0], turn[1], turn[2]))
+    turn[:] = 0.0
+
+
+@kernel
+def fade_hidden_tilt(p: Parameters, s: State) -> None:
+    """In motion, with the time that even motion lasts: a hand shows at once what is tilt."""
     m = s.stationarity
-    for i in range(3):
-        add_variance(s, GYRO_BIAS + i, m.hidden_turn[i] ** 2)
-    for i in range(2):
-        add_variance(s, ATTITUDE + i, m.hidden_tilt**2)
+    m.hidden_tilt -= m.hidden_tilt * min(s.integrals.time / p.tuning.max_curve_time_s, 1.0)
+    if s.attitude_step.hand_held_s >= p.tuning.hand_time_s:
+        m.hidden_tilt = 0.0
 
 
 @kernel
@@ -251,6 +262,7 @@ def detect_stationary(p: Parameters, s: State) -> bool:
     was_stationary = m.stationary == 1
     m.stationary = 0
     m.since_first_s += s.integrals.time
+    fade_hidden_tilt(p, s)
     if m.low_motion_s < c.stationary_time_s:
         m.bias_mismatch_s = 0.0
         return False

@@ -215,10 +215,11 @@ class Stationarity:
     bias_mismatch_s: float
     stationary: int
     since_first_s: float
-    bias_sigma_first: Reals
+    bias_sigma_first: float
     least_force_psd: float
     hidden_tilt: float
     hidden_turn: Reals
+    hidden_angle: float
     gravity_checked: int
 
 

@@ -111,7 +111,11 @@ def lift(rng, upright):
     change = steps(rng, rng.uniform(-1.2, 1.2), rng.uniform(1.0, 3.0), lambda rng: rng.uniform(-1.2, 1.2), 3.0)
     change = np.where(np.arange(len(change)) * FINE_S % 20.0 < 6.0, change, 0.0)
     up = lambda t: at(change)(t)[:, None] * [0.0, 0.0, 1.0]  # noqa: E731
-    return *picked_up(rng, lambda t: np.zeros((len(t), 3)), rng.uniform(60.0, 90.0))[:1], up, log_uniform(rng, 0.01, 0.1)
+    return (
+        *picked_up(rng, lambda t: np.zeros((len(t), 3)), rng.uniform(60.0, 90.0))[:1],
+        up,
+        log_uniform(rng, 0.01, 0.1),
+    )
 
 
 def standing(rng, upright):

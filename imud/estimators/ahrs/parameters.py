@@ -194,7 +194,14 @@ _STATIONARITY = (
     Tunable("even_motion_probability", 0.25, "", "That the first rest is even motion if it is shaken.", EVEN, high=1.0),
     Tunable("even_acceleration_mps2", 0.7, "m/s^2", "RMS acceleration of even motion.", EVEN),
     Tunable("moving_vibration_ratio", 2.5, "", "Vibration of what moves, over the sensor's noise.", EVEN, low=0.1),
-    Tunable("turn_ratio", 5.0, "", "A rate about the vertical so many times the others may be a turn.", EVEN, low=0.1),
+    Tunable(
+        "turn_ratio",
+        10.0,
+        "",
+        "A rate about the vertical so many times the others may be a turn.",
+        "Of three alike gyros one in a hundred (Student's t, two degrees of freedom).",
+        low=0.1,
+    ),
     Tunable(
         "standing_vibration_ratio",
         5.0,

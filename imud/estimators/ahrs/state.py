@@ -148,7 +148,7 @@ STATIONARITY = np.dtype(
         ("bias_mismatch_s", "<f8"),  # for how long the mean rate at low motion has contradicted the known bias
         ("stationary", "<i8"),
         ("since_first_s", "<f8"),  # since the first rest began
-        ("bias_sigma_first", "<f8"),  # rad/s, how well the gyro bias was known then
+        ("bg_before", "<f8", (3,)),  # rad/s, the gyro bias before it
         ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
         # of an even motion that the rest may have been, with its probability: the standard deviations
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch

@@ -147,8 +147,8 @@ def check_gravity(p: Parameters, s: State) -> None:
     c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
     s.stationarity.gravity_checked = 1
     s.stationarity.since_first_s = s.stationarity.hidden_angle = 0.0
-    bias_var = max(variance(s, GYRO_BIAS), variance(s, GYRO_BIAS + 1), variance(s, GYRO_BIAS + 2))
-    s.stationarity.bias_sigma_first = math.sqrt(bias_var)
+    for i in range(3):
+        s.stationarity.bg_before[i] = s.nav.bg[i]
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
     if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
         return
@@ -217,23 +217,23 @@ def update_hidden_motion(p: Parameters, s: State) -> None:
 
     A constant acceleration is a tilt, a constant turn about the vertical a gyro bias. What moves is shaken, even in its
     quietest moment, by more than the noise of its sensor; and a turn makes one rate of three alike gyros the largest.
-    No such motion lasts. What was known before the first rest bounds the turn.
+    No such motion lasts. The turn is what the bias known before the first rest does not explain.
     """
     c, m = p.tuning, s.stationarity
-    f, w = m.f_mean, m.w_mean
+    f, w, known = m.f_mean, m.w_mean, m.bg_before
     force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     along = (w[0] * f[0] + w[1] * f[1] + w[2] * f[2]) / force2
-    turn2 = along * along * force2
-    across2 = max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - turn2, 0.0)
+    across2 = max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - along * along * force2, 0.0)
+    turn = along - (known[0] * f[0] + known[1] * f[1] + known[2] * f[2]) / force2  # over the force
+    turn2 = turn * turn * force2
     evidence = m.least_force_psd / (c.moving_vibration_ratio**2 * p.accel_psd)
     evidence += turn2 / (c.turn_ratio**2 * (0.5 * across2 + c.min_bias_sigma_radps**2))
     probability = c.even_motion_probability * evidence**2 / (1.0 + evidence**2)
     root = math.sqrt(probability * elementary.exp(-m.since_first_s / c.max_curve_time_s))
     m.hidden_tilt = root * c.even_acceleration_mps2 / s.nav.gravity
-    turn = root * min(math.sqrt(turn2), m.bias_sigma_first)
     for i in range(3):
-        m.hidden_turn[i] = turn * f[i] / math.sqrt(force2)
-    turned = turn * s.integrals.time
+        m.hidden_turn[i] = root * turn * f[i]
+    turned = root * math.sqrt(turn2) * s.integrals.time
     add_variance(s, ATTITUDE + 2, (2.0 * m.hidden_angle + turned) * turned)
     m.hidden_angle += turned
 

@@ -215,7 +215,7 @@ class Stationarity:
     bias_mismatch_s: float
     stationary: int
     since_first_s: float
-    bias_sigma_first: float
+    bg_before: Reals
     least_force_psd: float
     hidden_tilt: float
     hidden_turn: Reals

@@ -68,7 +68,7 @@ def dense_step(x, P, h, b, p):
     kept, constant = np.exp(-b.time / time), np.exp(-b.time / 60.0)
     F[7:9, 7:9], F[9:, 9:] = kept * turn, constant * turn
     noise = np.zeros(11)
-    noise[:2], noise[2:5], noise[5:7] = b.attitude_noise, p.gyro_bias_psd * b.time, p.accel_psd * b.time
+    noise[:2], noise[2:5], noise[5:7] = b.attitude_noise, p.gyro_bias_psd * b.time, b.velocity_noise
     noise[7:9] = speed**2 * (1.0 - kept**2)
     noise[9:] = (p.accel_bias_var + hidden) * (1.0 - constant**2)
     moved = F @ x
@@ -96,6 +96,7 @@ def in_motion(seed):
     b.time, b.force, b.turn, b.attitude_noise = 1.0, -9.8, 0.3, 1e-4
     for name in ("tilt_by_bias", "velocity_by_bias", "turn_by_bias", "shift", "displacement"):
         getattr(b, name)[:] = rng.normal(0.0, 0.5, getattr(b, name).shape)
+    b.velocity_noise[:] = 0.02, 0.03
     return p, s
 
 

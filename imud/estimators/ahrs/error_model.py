@@ -47,6 +47,14 @@ def add_attitude_variance(s: State, axis: Vector, q: float) -> None:
 
 
 @kernel
+def add_bias_variance(s: State, error: Vector) -> None:
+    """Add a gyro bias error, rad/s, of this size and direction."""
+    for i in range(3):
+        for j in range(i, 3):
+            s.cov.P[packed_index(STATES, GYRO_BIAS + i, GYRO_BIAS + j)] += error[i] * error[j]
+
+
+@kernel
 def reset_variance(s: State, i: int, variance: float) -> None:
     """Make error state i independent of the others, with this variance."""
     reset(s.cov.P, STATES, i, variance)

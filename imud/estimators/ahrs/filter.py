@@ -39,7 +39,7 @@ from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zer
 from .quantization import update_quantization
 from .solution import write_solution
 from .state import ATTITUDE
-from .stationarity import detect_stationary, restart_means, update_means
+from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 from .velocity_hypotheses import follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
 
@@ -147,5 +147,6 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     else:
         if was_stationary:
             add_truncation_noise(s)
+            add_hidden_motion(s)
         fuse_zero_velocity(p, s)
         fuse_zero_position(p, s)

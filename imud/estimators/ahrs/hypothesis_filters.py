@@ -125,7 +125,7 @@ def propagate_hypothesis(p: Parameters, s: State, h: int) -> None:
         b.x[h, i] += b.shift[i]
     for i in range(2):
         b.P[h, i, i] += b.attitude_noise
-        b.P[h, 5 + i, 5 + i] += p.accel_psd * b.time
+        b.P[h, 5 + i, 5 + i] += b.velocity_noise[i]
         b.P[h, 7 + i, 7 + i] += SPEED[h] ** 2 * (1.0 - kept * kept)
         hidden = hidden_north if i == 0 else hidden_east
         b.P[h, 9 + i, 9 + i] += (p.accel_bias_var + hidden) * (1.0 - constant * constant)

@@ -8,6 +8,8 @@ Sources that recur:
   gain 4 m/s at most, and 2 to 4 times as much as they usually do (BROAD, RepoIMU).
 - Simulated: chosen on simulated walks and flights that begin in motion (tests/attitude_monte_carlo.py): the least that
   keeps their errors within their sigmas.
+- Even starts: chosen on simulated trains, cars, ships, lifts and turntables that move evenly when the filter starts
+  (tests/attitude_even_starts.py).
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -16,6 +18,7 @@ import math
 from ..tuning import Tunable
 
 BROAD, VEHICLES, HANDS, SIMULATED, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Simulated.", "Not recorded."
+EVEN = "Even starts."
 
 _FILTER = (
     Tunable(
@@ -187,7 +190,18 @@ _STATIONARITY = (
     Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", UNRECORDED),
     Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", UNRECORDED),
     Tunable("confirmation_time_s", 3.0, "s", "How long a contradiction must last at obvious rest.", UNRECORDED),
-    Tunable("max_curve_time_s", 60.0, "s", "No curve is even for so long.", UNRECORDED),
+    Tunable("max_curve_time_s", 60.0, "s", "No curve is even for so long.", UNRECORDED, low=1e-3),
+    Tunable("even_motion_probability", 0.25, "", "That the first rest is even motion if it is shaken.", EVEN, high=1.0),
+    Tunable("even_acceleration_mps2", 0.7, "m/s^2", "RMS acceleration of even motion.", EVEN),
+    Tunable("moving_vibration_ratio", 2.5, "", "Vibration of what moves, over the sensor's noise.", EVEN, low=0.1),
+    Tunable(
+        "turn_ratio",
+        10.0,
+        "",
+        "A rate about the vertical so many times the others may be a turn.",
+        "Of three alike gyros one in a hundred (Student's t, two degrees of freedom).",
+        low=0.1,
+    ),
     Tunable(
         "standing_vibration_ratio",
         5.0,

@@ -26,6 +26,7 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     cut_off = s.clipping.missing_angle  # rad, about any axis
     unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
     unseen = elementary.hypot(unseen, elementary.hypot(cut_off, s.hypotheses.possible_tilt_error))
+    unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
     if (
         s.levelling.initialised == 1
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad
@@ -52,5 +53,5 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
         out.bg[i] = nav.bg[i]
         out.ba[i] = nav.ba[i]
         out.sigma_rpy[i] = min(elementary.hypot(cov.sigma_rpy[i], unseen if i < 2 else cut_off), UNKNOWN_ANGLE)
-        out.sigma_bg[i] = cov.sigma_bg[i]
+        out.sigma_bg[i] = elementary.hypot(cov.sigma_bg[i], s.stationarity.hidden_turn[i])
         out.sigma_ba[i] = cov.sigma_ba[i]

@@ -147,6 +147,13 @@ STATIONARITY = np.dtype(
         ("low_motion_s", "<f8"),
         ("bias_mismatch_s", "<f8"),  # for how long the mean rate at low motion has contradicted the known bias
         ("stationary", "<i8"),
+        ("since_first_s", "<f8"),  # since the first rest began
+        ("bg_before", "<f8", (3,)),  # rad/s, the gyro bias before it
+        ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
+        # of an even motion that the rest may have been, with its probability: the standard deviations
+        ("hidden_tilt", "<f8"),  # rad, of roll and pitch
+        ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias while it is measured
+        ("hidden_angle", "<f8"),  # rad, of yaw, that this has made
         ("gravity_checked", "<i8"),  # 1: the magnitude of the force at the first rest was compared with gravity
     ],
     align=True,
@@ -197,6 +204,7 @@ VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
         ("turn_by_bias", "<f8", (3,)),  # s, how a gyro bias turns north and east
         ("shift", "<f8", (7,)),  # what the filter's own corrections have added to the states
         ("attitude_noise", "<f8"),  # rad^2
+        ("velocity_noise", "<f8", (2,)),  # (m/s)^2, north and east
         ("ph", "<f8", (HYPOTHESIS_STATES,)),
         ("hand", "<f8"),  # probability that the body is in a hand
         ("mean", "<f8", (HYPOTHESIS_STATES,)),  # of the others

@@ -28,7 +28,7 @@ from ...compile.jit import kernel
 from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .divergence import inflate_covariance
-from .error_model import add_variance, reset_variance, variance
+from .error_model import add_bias_variance, add_variance, reset_variance, variance
 from .mechanization import compensate_force
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
 
@@ -146,6 +146,9 @@ def check_gravity(p: Parameters, s: State) -> None:
     """At the first rest: a force whose magnitude is not gravity shows a sensor worse than assumed."""
     c, f, g = p.tuning, s.stationarity.f_mean, s.nav.gravity
     s.stationarity.gravity_checked = 1
+    s.stationarity.since_first_s = s.stationarity.hidden_angle = 0.0
+    for i in range(3):
+        s.stationarity.bg_before[i] = s.nav.bg[i]
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
     if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
         return
@@ -209,10 +212,57 @@ def gravity_is_fixed(p: Parameters, s: State) -> bool:
 
 
 @kernel
+def update_hidden_motion(p: Parameters, s: State) -> None:
+    """What a rest hides if it is even motion, times the root of the probability that it is.
+
+    A constant acceleration is a tilt, a constant turn about the vertical a gyro bias. What moves is shaken, even in its
+    quietest moment, by more than the noise of its sensor; and a turn makes one rate of three alike gyros the largest.
+    No such motion lasts. The turn is what the bias known before the first rest does not explain.
+    """
+    c, m = p.tuning, s.stationarity
+    f, w, known = m.f_mean, m.w_mean, m.bg_before
+    force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    along = (w[0] * f[0] + w[1] * f[1] + w[2] * f[2]) / force2
+    across2 = max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - along * along * force2, 0.0)
+    turn = along - (known[0] * f[0] + known[1] * f[1] + known[2] * f[2]) / force2  # over the force
+    turn2 = turn * turn * force2
+    evidence = m.least_force_psd / (c.moving_vibration_ratio**2 * p.accel_psd)
+    evidence += turn2 / (c.turn_ratio**2 * (0.5 * across2 + c.min_bias_sigma_radps**2))
+    probability = c.even_motion_probability * evidence**2 / (1.0 + evidence**2)
+    root = math.sqrt(probability * elementary.exp(-m.since_first_s / c.max_curve_time_s))
+    m.hidden_tilt = root * c.even_acceleration_mps2 / s.nav.gravity
+    for i in range(3):
+        m.hidden_turn[i] = root * turn * f[i]
+    turned = root * math.sqrt(turn2) * s.integrals.time
+    add_variance(s, ATTITUDE + 2, (2.0 * m.hidden_angle + turned) * turned)
+    m.hidden_angle += turned
+
+
+@kernel
+def add_hidden_motion(s: State) -> None:
+    """When rest ends: the mean rate may have been a turn."""
+    turn = s.stationarity.hidden_turn
+    add_bias_variance(s, (turn[0], turn[1], turn[2]))
+    turn[:] = 0.0
+
+
+@kernel
+def fade_hidden_tilt(p: Parameters, s: State) -> None:
+    """In motion, with the time that even motion lasts: a hand shows at once what is tilt."""
+    m = s.stationarity
+    m.hidden_tilt -= m.hidden_tilt * min(s.integrals.time / p.tuning.max_curve_time_s, 1.0)
+    if s.attitude_step.hand_held_s >= p.tuning.hand_time_s:
+        m.hidden_tilt = 0.0
+
+
+@kernel
 def detect_stationary(p: Parameters, s: State) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
     c, m = p.tuning, s.stationarity
+    was_stationary = m.stationary == 1
     m.stationary = 0
+    m.since_first_s += s.integrals.time
+    fade_hidden_tilt(p, s)
     if m.low_motion_s < c.stationary_time_s:
         m.bias_mismatch_s = 0.0
         return False
@@ -236,9 +286,11 @@ def detect_stationary(p: Parameters, s: State) -> bool:
             restart_means_at_last(s)
             m.bias_mismatch_s = 0.0
             return False
+        m.least_force_psd = min(m.least_force_psd, m.force_psd) if was_stationary else m.force_psd
         m.stationary = 1
         for i in range(3):
             m.f_at_rest[i] = m.f_mean[i]
+        update_hidden_motion(p, s)
         return True
     m.bias_mismatch_s += s.integrals.time
     if rate_is_likelier_bias(p, s):

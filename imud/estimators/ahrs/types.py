@@ -77,6 +77,10 @@ class Tuning:
     fixed_gravity_gate: float
     confirmation_time_s: float
     max_curve_time_s: float
+    even_motion_probability: float
+    even_acceleration_mps2: float
+    moving_vibration_ratio: float
+    turn_ratio: float
     standing_vibration_ratio: float
     moving_log_odds: float
     converged_tilt_rad: float
@@ -210,6 +214,12 @@ class Stationarity:
     low_motion_s: float
     bias_mismatch_s: float
     stationary: int
+    since_first_s: float
+    bg_before: Reals
+    least_force_psd: float
+    hidden_tilt: float
+    hidden_turn: Reals
+    hidden_angle: float
     gravity_checked: int
 
 
@@ -260,6 +270,7 @@ class VelocityHypotheses:
     turn_by_bias: Reals
     shift: Reals
     attitude_noise: float
+    velocity_noise: Reals
     ph: Floats
     hand: float
     mean: Reals

@@ -56,6 +56,7 @@ def restart_interval(s: State) -> None:
     b = s.hypotheses
     b.time = b.force = b.turn = b.attitude_noise = 0.0
     b.displacement[:] = 0.0
+    b.velocity_noise[:] = 0.0
     b.shift[:] = 0.0
     b.turn_by_bias[:] = 0.0
     b.tilt_by_bias[:] = 0.0
@@ -91,6 +92,9 @@ def update_hypotheses(p: Parameters, s: State) -> None:
         b.turn_by_bias[j] += total.c[6 + j]
     c = p.tuning
     b.attitude_noise += p.gyro_psd * total.time + c.hypothesis_noise_per_rate**2 * total.w2 + total.attitude_noise
+    for i in range(2):
+        shaken = c.accel_noise_per_acceleration**2 * total.a_outer_a[3 * i]
+        b.velocity_noise[i] += p.accel_psd * total.time + shaken + total.velocity_noise
     b.time += total.time
 
 

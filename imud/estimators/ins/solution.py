@@ -127,6 +127,9 @@ def state_sigmas(c: Core) -> None:
         added_p, added_v = likely_drift(c, i)
         rejected_p, rejected_v = rejected_position(c, i)
         added_v += rejected_v
+        if i < 2:
+            added_p += c.scratch.discrepancy_variances[i]
+            added_v += c.scratch.discrepancy_variances[2 + i]
         added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
         p, v = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)

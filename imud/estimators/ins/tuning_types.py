@@ -249,6 +249,11 @@ class Tuning:
     velocity_drift_correlation_s: float
     heading_confirmations: int
     unconfirmed_heading_sigma: float
+    chord_step_s: float
+    max_chord_step_s: float
+    discrepancy_gate: float
+    velocity_lag_sigma: float
+    trapezoid_share: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
     compass_offset_memory_s: float

@@ -229,6 +229,30 @@ class VelocityDrift:
     heading_variance: float
 
 
+class ChordPoint:
+    t_ns: int
+    sum: Reals
+    velocity: Reals
+    variance: float
+    rejected: int
+
+
+class VelocityDiscrepancy:
+    last_ns: int
+    last_place: Reals
+    last_velocity: Reals
+    sum: Reals
+    sum_variance: float
+    points: list[ChordPoint]
+    count: int
+    rate: Reals
+    rejected: int
+    onset_ns: int
+    onset_count: int
+    onset_rejected: int
+    verdict: int
+
+
 class TimeOffsetStep:
     onset_ns: int
     information: float
@@ -409,6 +433,7 @@ class Scratch:
     innovation_count: int
     age_variance: float
     fix_age_error2: float
+    discrepancy_variances: Reals
     stated_variances: Reals
     exp_arguments: Reals
     exponentials: Reals
@@ -527,6 +552,7 @@ class State:
     snapshots: list[Snapshot]
     source_ages: list[SourceAge]
     fix_age: FixAge
+    velocity_discrepancy: VelocityDiscrepancy
     imu_ring: list[StoredSample]
     aiding_ring: list[StoredMeasurement]
     aiding_start: int

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import GYRO_BIAS_ONSETS, ONSETS, STATES
+from ..state import CHORD_POINTS, GYRO_BIAS_ONSETS, ONSETS, STATES
 
 INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     [
@@ -127,6 +127,36 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
         ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
         ("sensitivity", "<f8", (STATES, GYRO_BIAS_ONSETS)),  # error states per rad/s of the step
+    ],
+    align=True,
+)
+
+CHORD_POINT = np.dtype(
+    [
+        ("t_ns", "<i8"),  # epoch of the fix
+        ("sum", "<f8", (2,)),  # m, north and east: way of the positions less integral of the velocity
+        ("velocity", "<f8", (2,)),  # m/s
+        ("variance", "<f8"),  # m^2, of the integral
+        ("rejected", "<i8"),  # points until then at which the estimate rejected the velocity
+    ],
+    align=True,
+)
+
+VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positions
+    [
+        ("last_ns", "<i8"),  # epoch of the last fix
+        ("last_place", "<f8", (2,)),  # its latitude and longitude, rad
+        ("last_velocity", "<f8", (2,)),  # m/s, north and east
+        ("sum", "<f8", (2,)),  # as in CHORD_POINT
+        ("sum_variance", "<f8"),
+        ("points", CHORD_POINT, (CHORD_POINTS,)),
+        ("count", "<i8"),  # points since the comparison began
+        ("rate", "<f8", (2,)),  # m/s, the discrepancy: rate of the sum
+        ("rejected", "<i8"),  # as in CHORD_POINT
+        ("onset_ns", "<i8"),  # since when there is a discrepancy
+        ("onset_count", "<i8"),  # points, and rejected ones, until then
+        ("onset_rejected", "<i8"),
+        ("verdict", "<i8"),  # AGREES, UNDECIDED, VELOCITY_WRONG
     ],
     align=True,
 )

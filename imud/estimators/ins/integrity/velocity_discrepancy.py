@@ -1,0 +1,162 @@
+"""A receiver's velocity against its own positions: the two contradict each other for seconds, so one of them is wrong.
+
+The way from fix to fix less the integral of the velocity is a sum that stays where both are right. Its rate over a
+chord is the discrepancy, its variance follows from the errors that a receiver has. A jump of the position is in one
+chord only. So a discrepancy is what two successive chords of the same length have in common: the smaller of their
+rates, if both have the same sign and are beyond their gates. Chords of several lengths run beside each other: short
+ones find a large discrepancy soon, long ones a small one at all.
+
+Which of the two is wrong? Positions drift no faster and for no longer than `max_drift_speed` and `max_reject_s` say;
+beyond that the velocity is wrong. It is wrong as well where the estimate has rejected it, that is where the inertial
+sensor has not felt it begin. Until one of these decides, either may be wrong: the discrepancy is part of the stated
+velocity, and what it has done since it began of the stated position. A wrong velocity is not used; one that may be
+wrong is used while navigating, but not in coarse alignment, where nothing holds against it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..aiding.gnss_noise import horizontal_sigma
+from ..aiding.gnss_velocity import velocity_of
+from ..ekf import add_covariance, add_variance
+from ..mechanization import ned_difference
+from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
+
+if TYPE_CHECKING:
+    from ...types import Fix
+    from ..types import Core, Parameters, VelocityDiscrepancy
+
+CHORDS = (2, 4, 8, 16)  # lengths in points
+AGREES, UNDECIDED, VELOCITY_WRONG = 0, 1, 2
+TUNABLES = (
+    Tunable("chord_step_s", 0.95, "s", "Least time between two points of a chord.", "Receivers of 1 Hz."),
+    Tunable("max_chord_step_s", 3.0, "s", "Longest time between two fixes of a chord.", "Choice."),
+    Tunable("discrepancy_gate", 9.0, "NIS", "Gate of the rate of a chord.", "Three sigma, twice."),
+    Tunable("velocity_lag_sigma", 0.3, "s", "Lag of a velocity behind its position.", "Recorded receivers."),
+    Tunable("trapezoid_share", 0.25, "", "Error of a velocity's mean between two fixes over its change.", "Choice."),
+)
+
+
+@kernel
+def begin_comparison(g: VelocityDiscrepancy) -> None:
+    """Nothing is known of the velocity between the last fix and this one."""
+    g.count = 0
+    g.verdict = AGREES
+    g.onset_ns = NEVER_NS
+    for i in range(2):
+        g.rate[i] = 0.0
+
+
+@kernel
+def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
+    """Take a fix, in the order of the epochs: the discrepancy until now."""
+    v_n, v_e, dt = velocity_of(p, fix, 0), velocity_of(p, fix, 1), 1e-9 * (fix.t_ns - g.last_ns)
+    frozen = c.integrity.frozen != 0 and fix.lat == g.last_place[0] and fix.lon == g.last_place[1]
+    if frozen or not math.isfinite(v_n + v_e):
+        begin_comparison(g)
+        return
+    if g.last_ns == NEVER_NS or not 0.0 < dt < p.tuning.max_chord_step_s:
+        begin_comparison(g)
+    if g.count > 0:
+        north, east = ned_difference(c, g.last_place[0], g.last_place[1], fix.lat, fix.lon)
+        change = elementary.hypot(v_n - g.last_velocity[0], v_e - g.last_velocity[1])
+        g.sum[0] += north - 0.5 * dt * (v_n + g.last_velocity[0])
+        g.sum[1] += east - 0.5 * dt * (v_e + g.last_velocity[1])
+        g.sum_variance += dt * dt * ((p.tuning.trapezoid_share * change) ** 2 + c.gnss.velocity_noise_var)
+    g.last_ns, g.last_place[0], g.last_place[1] = fix.t_ns, fix.lat, fix.lon
+    g.last_velocity[0], g.last_velocity[1] = v_n, v_e
+    if g.count > 0 and 1e-9 * (fix.t_ns - g.points[(g.count - 1) % CHORD_POINTS].t_ns) < p.tuning.chord_step_s:
+        return
+    point = g.points[g.count % CHORD_POINTS]
+    g.rejected += 1 if c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count > 0 else 0
+    point.t_ns, point.variance, point.rejected = fix.t_ns, g.sum_variance, g.rejected
+    for i in range(2):
+        point.sum[i], point.velocity[i] = g.sum[i], g.last_velocity[i]
+    g.count += 1
+    find_discrepancy(p, c, g, horizontal_sigma(p, fix))
+
+
+@kernel
+def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, i: int, sigma: float) -> float:
+    """Rate along axis i over the n points until point `last`, m/s; 0 within its gate."""
+    a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
+    t, lag = 1e-9 * (b.t_ns - a.t_ns), p.tuning.velocity_lag_sigma * (b.velocity[i] - a.velocity[i])
+    bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
+    r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag * lag
+    rate = (b.sum[i] - a.sum[i]) / t
+    known = rate * rate > p.tuning.discrepancy_gate * (r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2)
+    return rate if known else 0.0
+
+
+@kernel
+def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: float) -> None:
+    """The largest rate that two successive chords have in common; sigma: of the position, m."""
+    longest = 0
+    for i in range(2):
+        g.rate[i] = 0.0
+        for n in CHORDS:
+            if g.count <= 2 * n:
+                continue
+            now, before = (
+                chord_rate(p, c, g, g.count - 1, n, i, sigma),
+                chord_rate(p, c, g, g.count - 1 - n, n, i, sigma),
+            )
+            common = now if abs(now) < abs(before) else before
+            if now * before > 0.0 and abs(common) > abs(g.rate[i]):
+                g.rate[i], longest = common, max(longest, n)
+    if longest == 0:
+        g.onset_ns, g.verdict = NEVER_NS, AGREES
+    elif g.onset_ns == NEVER_NS:
+        first = g.points[(g.count - 1 - 2 * longest) % CHORD_POINTS]
+        g.onset_ns, g.onset_count, g.onset_rejected = first.t_ns, g.count - 2 * longest, first.rejected
+
+
+@kernel
+def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
+    """Set the verdict, and what the discrepancy adds to the stated variances while that is open.
+
+    When the velocity turns out to be wrong, the estimate has followed it since the onset: P has that, too.
+    """
+    for i in range(4):
+        c.scratch.discrepancy_variances[i] = 0.0
+    if g.onset_ns == NEVER_NS:
+        return
+    since_s = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s)
+    too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed
+    rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
+    too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
+    if g.verdict != VELOCITY_WRONG:
+        decided = too_fast or rejected or too_long
+        if g.verdict == AGREES or decided:
+            g.verdict = VELOCITY_WRONG if decided else UNDECIDED
+            if c.alignment.mode != NAVIGATING or decided:
+                allow_for_discrepancy(c, g, since_s)
+    if g.verdict == UNDECIDED:
+        for i in range(2):
+            c.scratch.discrepancy_variances[i] = (g.rate[i] * since_s) ** 2
+            c.scratch.discrepancy_variances[2 + i] = g.rate[i] ** 2
+
+
+@kernel
+def allow_for_discrepancy(c: Core, g: VelocityDiscrepancy, since_s: float) -> None:
+    """Add to P what a wrong velocity has done for `since_s`."""
+    for i in range(2):
+        v2 = g.rate[i] ** 2
+        add_variance(c, VELOCITY + i, v2)
+        add_covariance(c, POSITION + i, VELOCITY + i, v2 * since_s)
+        add_variance(c, POSITION + i, v2 * since_s**2)
+
+
+@kernel
+def remove_wrong_velocity(c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
+    """Take the velocity out of a fix that is wrong, or may be where nothing holds against it."""
+    if g.verdict == VELOCITY_WRONG or (g.verdict == UNDECIDED and c.alignment.mode != NAVIGATING):
+        fix.speed = fix.course = math.nan
+        for i in range(3):
+            fix.v[i] = fix.sigma_v[i] = math.nan

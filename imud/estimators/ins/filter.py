@@ -142,7 +142,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     c.scratch.fix_age_error2 = probable_error2(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
-    remove_wrong_velocity(c, s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
+    remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
     return fuse_from(p, s, k, snapshots, innovations)
 
 

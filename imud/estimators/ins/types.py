@@ -202,6 +202,8 @@ class ProcessNoise:
 
 class Drift:
     detected: int
+    velocity: Reals
+    since_ns: int
     noise_scale: float
     noise_scale_count: int
     pending_noise_scale: float

@@ -48,6 +48,8 @@ GRAVITY_MONITOR = np.dtype(
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
         ("detected", "<i8"),  # by what: BY_POSITIONS, BY_WHEELS; 0: none is detected
+        ("velocity", "<f8", (2,)),  # m/s, north and east, of the one that was detected, and since when it is
+        ("since_ns", "<i8"),
         ("noise_scale", "<f8"),  # variance of the receiver's bias over the reported one
         ("noise_scale_count", "<i8"),  # onsets from which it was learned
         ("pending_noise_scale", "<f8"),  # that of the last closed onset, learned at the next

@@ -21,19 +21,25 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.rotation import Vector
 from ...tuning import Tunable
 from ..aiding.gnss_noise import horizontal_sigma
 from ..aiding.gnss_velocity import velocity_of
+from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
 from ..mechanization import ned_difference
 from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
+from .gnss_drift import reset_drift
+from .gyro_bias_step import reset_gyro_bias_step
+from .time_offset_step import reset_time_offset_step
+from .velocity_drift import reset_velocity_drift
 
 if TYPE_CHECKING:
     from ...types import Fix
     from ..types import Core, Parameters, VelocityDiscrepancy
 
-CHORDS = (2, 4, 8, 16)  # lengths in points
-AGREES, UNDECIDED, VELOCITY_WRONG = 0, 1, 2
+CHORDS = (1, 2, 4, 8, 16)  # lengths in points
+AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG = 0, 1, 2, 3  # verdicts; of the third, too, either may be wrong
 TUNABLES = (
     Tunable("chord_step_s", 0.95, "s", "Least time between two points of a chord.", "Receivers of 1 Hz."),
     Tunable("max_chord_step_s", 3.0, "s", "Longest time between two fixes of a chord.", "Choice."),
@@ -83,36 +89,50 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
 
 
 @kernel
-def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, i: int, sigma: float) -> float:
-    """Rate along axis i over the n points until point `last`, m/s; 0 within its gate."""
+def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, sigma: float) -> Vector:
+    """Rate north and east over the n points until point `last`, m/s, and its variance; sigma: of the position, m."""
     a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
-    t, lag = 1e-9 * (b.t_ns - a.t_ns), p.tuning.velocity_lag_sigma * (b.velocity[i] - a.velocity[i])
+    t = 1e-9 * (b.t_ns - a.t_ns)
+    lag2 = p.tuning.velocity_lag_sigma**2 * difference2(
+        b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1]
+    )
     bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
-    r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag * lag
-    rate = (b.sum[i] - a.sum[i]) / t
-    known = rate * rate > p.tuning.discrepancy_gate * (r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2)
-    return rate if known else 0.0
+    r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag2
+    return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+
+
+@kernel
+def difference2(north: float, east: float, from_north: float, from_east: float) -> float:
+    """Square of the length of a difference of two vectors."""
+    return (north - from_north) ** 2 + (east - from_east) ** 2
 
 
 @kernel
 def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: float) -> None:
-    """The largest rate that two successive chords have in common; sigma: of the position, m."""
-    longest = 0
-    for i in range(2):
-        g.rate[i] = 0.0
-        for n in CHORDS:
-            if g.count <= 2 * n:
-                continue
-            now, before = (
-                chord_rate(p, c, g, g.count - 1, n, i, sigma),
-                chord_rate(p, c, g, g.count - 1 - n, n, i, sigma),
-            )
-            common = now if abs(now) < abs(before) else before
-            if now * before > 0.0 and abs(common) > abs(g.rate[i]):
-                g.rate[i], longest = common, max(longest, n)
-    if longest == 0:
+    """The largest rate that two successive chords have in common; without any the last one, until two refute it.
+
+    sigma: of the position, m.
+    """
+    gate, largest2, longest, refuted = p.tuning.discrepancy_gate, 0.0, 0, False
+    held_n, held_e = g.rate[0], g.rate[1]
+    for n in CHORDS:
+        if g.count <= 2 * n:
+            continue
+        now, before = chord_rate(p, c, g, g.count - 1, n, sigma), chord_rate(p, c, g, g.count - 1 - n, n, sigma)
+        now2, before2 = now[0] ** 2 + now[1] ** 2, before[0] ** 2 + before[1] ** 2
+        if now2 > gate * now[2] and before2 > gate * before[2] and now[0] * before[0] + now[1] * before[1] > 0.0:
+            common = now if now2 < before2 else before
+            if min(now2, before2) > largest2:
+                largest2, longest = min(now2, before2), n
+                g.rate[0], g.rate[1] = common[0], common[1]
+        refuted = refuted or (
+            difference2(now[0], now[1], held_n, held_e) > gate * now[2]
+            and difference2(before[0], before[1], held_n, held_e) > gate * before[2]
+        )
+    if longest == 0 and refuted:
         g.onset_ns, g.verdict = NEVER_NS, AGREES
-    elif g.onset_ns == NEVER_NS:
+        g.rate[0] = g.rate[1] = 0.0
+    elif longest > 0 and g.onset_ns == NEVER_NS:
         first = g.points[(g.count - 1 - 2 * longest) % CHORD_POINTS]
         g.onset_ns, g.onset_count, g.onset_rejected = first.t_ns, g.count - 2 * longest, first.rejected
 
@@ -121,23 +141,28 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
 def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
     """Set the verdict, and what the discrepancy adds to the stated variances while that is open.
 
-    When the velocity turns out to be wrong, the estimate has followed it since the onset: P has that, too.
+    When the velocity is not used any more, the estimate has followed it since the onset: P has that from then on.
     """
     for i in range(4):
         c.scratch.discrepancy_variances[i] = 0.0
     if g.onset_ns == NEVER_NS:
         return
-    since_s = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s)
+    since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
     too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed
-    rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
     too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
-    if g.verdict != VELOCITY_WRONG:
-        decided = too_fast or rejected or too_long
-        if g.verdict == AGREES or decided:
-            g.verdict = VELOCITY_WRONG if decided else UNDECIDED
-            if c.alignment.mode != NAVIGATING or decided:
-                allow_for_discrepancy(c, g, since_s)
-    if g.verdict == UNDECIDED:
+    rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
+    if too_fast or too_long or rejected:
+        g.verdict = VELOCITY_WRONG
+    elif last < UNUSED:
+        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING else UNUSED
+    if last < UNUSED and g.verdict >= UNUSED:
+        allow_for_discrepancy(c, g, since_s)
+        restart_in_motion_alignment(c)
+        reset_drift(c)
+        reset_time_offset_step(c)
+        reset_gyro_bias_step(c)
+        reset_velocity_drift(c)
+    if g.verdict < VELOCITY_WRONG:
         for i in range(2):
             c.scratch.discrepancy_variances[i] = (g.rate[i] * since_s) ** 2
             c.scratch.discrepancy_variances[2 + i] = g.rate[i] ** 2
@@ -154,9 +179,9 @@ def allow_for_discrepancy(c: Core, g: VelocityDiscrepancy, since_s: float) -> No
 
 
 @kernel
-def remove_wrong_velocity(c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
-    """Take the velocity out of a fix that is wrong, or may be where nothing holds against it."""
-    if g.verdict == VELOCITY_WRONG or (g.verdict == UNDECIDED and c.alignment.mode != NAVIGATING):
+def remove_wrong_velocity(g: VelocityDiscrepancy, fix: Fix) -> None:
+    """Take the velocity out of a fix if it is wrong, or may be and is not used for that."""
+    if g.verdict >= UNUSED:
         fix.speed = fix.course = math.nan
         for i in range(3):
             fix.v[i] = fix.sigma_v[i] = math.nan

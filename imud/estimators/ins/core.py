@@ -188,7 +188,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
             "fix_age_error2",
             "<f8",
         ),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes only
-        ("discrepancy_variances", "<f8", (4,)),  # m^2 and m^2/s^2: what the discrepancy adds to those of north and east
+        ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
+        ("discrepancy_onset_ns", "<i8"),
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
         ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
         ("exponentials", "<f8", (EXPONENTIALS,)),

@@ -243,6 +243,7 @@ class VelocityDiscrepancy:
     last_ns: int
     last_place: Reals
     last_velocity: Reals
+    repeated: int
     sum: Reals
     sum_variance: float
     points: list[ChordPoint]
@@ -435,7 +436,8 @@ class Scratch:
     innovation_count: int
     age_variance: float
     fix_age_error2: float
-    discrepancy_variances: Reals
+    discrepancy2: Reals
+    discrepancy_onset_ns: int
     stated_variances: Reals
     exp_arguments: Reals
     exponentials: Reals

@@ -149,6 +149,7 @@ VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positi
         ("last_ns", "<i8"),  # epoch of the last fix
         ("last_place", "<f8", (2,)),  # its latitude and longitude, rad
         ("last_velocity", "<f8", (2,)),  # m/s, north and east
+        ("repeated", "<i8"),  # 1: its position is that of the fix before to the last digit
         ("sum", "<f8", (2,)),  # as in CHORD_POINT
         ("sum_variance", "<f8"),
         ("points", CHORD_POINT, (CHORD_POINTS,)),

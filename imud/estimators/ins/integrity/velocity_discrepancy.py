@@ -63,8 +63,8 @@ def begin_comparison(g: VelocityDiscrepancy) -> None:
 def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
     """Take a fix, in the order of the epochs: the discrepancy until now."""
     v_n, v_e, dt = velocity_of(p, fix, 0), velocity_of(p, fix, 1), 1e-9 * (fix.t_ns - g.last_ns)
-    frozen = c.integrity.frozen != 0 and fix.lat == g.last_place[0] and fix.lon == g.last_place[1]
-    if frozen or not math.isfinite(v_n + v_e):
+    g.repeated = 1 if fix.lat == g.last_place[0] and fix.lon == g.last_place[1] else 0
+    if (c.integrity.frozen != 0 and g.repeated) or not math.isfinite(v_n + v_e):
         begin_comparison(g)
         return
     if g.last_ns == NEVER_NS or not 0.0 < dt < p.tuning.max_chord_step_s:
@@ -143,18 +143,18 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
 
     When the velocity is not used any more, the estimate has followed it since the onset: P has that from then on.
     """
-    for i in range(4):
-        c.scratch.discrepancy_variances[i] = 0.0
+    for i in range(2):
+        c.scratch.discrepancy2[i] = 0.0
     if g.onset_ns == NEVER_NS:
         return
     since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
-    too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed
+    too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed and not g.repeated
     too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
     rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
     if too_fast or too_long or rejected:
         g.verdict = VELOCITY_WRONG
     elif last < UNUSED:
-        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING else UNUSED
+        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
     if last < UNUSED and g.verdict >= UNUSED:
         allow_for_discrepancy(c, g, since_s)
         restart_in_motion_alignment(c)
@@ -163,9 +163,9 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
         reset_gyro_bias_step(c)
         reset_velocity_drift(c)
     if g.verdict < VELOCITY_WRONG:
+        c.scratch.discrepancy_onset_ns = g.onset_ns
         for i in range(2):
-            c.scratch.discrepancy_variances[i] = (g.rate[i] * since_s) ** 2
-            c.scratch.discrepancy_variances[2 + i] = g.rate[i] ** 2
+            c.scratch.discrepancy2[i] = g.rate[i] ** 2
 
 
 @kernel

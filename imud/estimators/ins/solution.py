@@ -139,9 +139,10 @@ def state_sigmas(p: Parameters, c: Core) -> None:
         added_p, added_v = likely_drift(c, i)
         rejected_p, rejected_v = rejected_position(c, i)
         added_v += rejected_v
-        open_p, open_v = open_discrepancy(p, c, i)
-        added_v += open_v
-        added_p += open_p + rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
+        open_p, open_v = open_discrepancy(p, c, i)  # the same error as of a likely drift
+        added_v = max(added_v, open_v)
+        added_p = max(added_p, open_p)
+        added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
         p2, v2 = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
         changed |= (p2 != stated[i]) | (v2 != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])

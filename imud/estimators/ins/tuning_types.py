@@ -93,6 +93,7 @@ class Tuning:
     inertial_heading_error: float
     max_velocity_rejects: int
     unconfirmed_velocity_rejects: int
+    min_velocity_reject_s: float
     max_reset_score: float
     reset_score_decay: float
     time_tag_tolerance_s: float
@@ -251,6 +252,8 @@ class Tuning:
     unconfirmed_heading_sigma: float
     chord_step_s: float
     max_chord_step_s: float
+    max_chord_speed: float
+    max_chord_turn: float
     discrepancy_gate: float
     velocity_lag_sigma: float
     trapezoid_share: float

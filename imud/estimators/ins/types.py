@@ -184,6 +184,7 @@ class Integrity:
     frozen: int
     survey_epochs: int
     velocity_reject_count: int
+    velocity_reject_ns: int
     position_inflation: Reals
     velocity_inflation: Reals
     reset_score: float

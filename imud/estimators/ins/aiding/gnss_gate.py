@@ -89,6 +89,13 @@ TUNABLES = (
         "The same with a heading that a compass gave and motion has not confirmed.",
         "Choice.",
     ),
+    Tunable(
+        "min_velocity_reject_s",
+        2.5,
+        "s",
+        "Least time of rejected velocities that contradict a heading.",
+        "The receiver's positions need as long to show that its velocity is wrong.",
+    ),
     Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
     Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
@@ -306,7 +313,10 @@ def reject_frozen(c: Core) -> None:
 @kernel
 def count_velocity_rejects(c: Core, rejected: int) -> None:
     """Count fixes in a row with a rejected velocity; `rejected`: rejected components of the last one."""
-    c.integrity.velocity_reject_count = c.integrity.velocity_reject_count + 1 if rejected else 0
+    g = c.integrity
+    g.velocity_reject_count = g.velocity_reject_count + 1 if rejected else 0
+    if g.velocity_reject_count == 1:
+        g.velocity_reject_ns = c.nav.t_ns
 
 
 @kernel
@@ -316,7 +326,8 @@ def contradicts_heading(p: Parameters, c: Core) -> bool:
     most = p.tuning.max_velocity_rejects * (p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0)
     if is_unconfirmed(c):
         most = p.tuning.unconfirmed_velocity_rejects
-    return bool(g.velocity_reject_count > most or g.reset_score > p.tuning.max_reset_score)
+    lasting = 1e-9 * (c.nav.t_ns - g.velocity_reject_ns) > p.tuning.min_velocity_reject_s
+    return bool((g.velocity_reject_count > most and lasting) or g.reset_score > p.tuning.max_reset_score)
 
 
 @kernel

@@ -95,9 +95,7 @@ def clear_likely_drift(c: Core) -> None:
 
 
 @kernel
-def state_likely_drift(
-    c: Core, j: int, found: tuple[float, float, float, float, float, float], either: bool
-) -> None:
+def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float], either: bool) -> None:
     """Store what the likely drift `found` since onset j adds to the stated variances.
 
     either: instead of the positions the receiver's velocity may be wrong, by as much the other way.

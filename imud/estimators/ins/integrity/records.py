@@ -19,6 +19,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
         ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
+        ("velocity_reject_ns", "<i8"),  # the first of them
         (
             "position_inflation",
             "<f8",

@@ -27,10 +27,11 @@ from ..aiding.gnss_noise import horizontal_sigma
 from ..aiding.gnss_velocity import velocity_of
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
-from ..mechanization import ned_difference
+from ..mechanization import ned_difference, wrap_angle
 from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
 from .gnss_drift import reset_drift
 from .gyro_bias_step import reset_gyro_bias_step
+from .reset_inflation import inflate_position
 from .time_offset_step import reset_time_offset_step
 from .velocity_drift import reset_velocity_drift
 
@@ -43,6 +44,8 @@ AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG = 0, 1, 2, 3  # verdicts; of the third
 TUNABLES = (
     Tunable("chord_step_s", 0.95, "s", "Least time between two points of a chord.", "Receivers of 1 Hz."),
     Tunable("max_chord_step_s", 3.0, "s", "Longest time between two fixes of a chord.", "Choice."),
+    Tunable("max_chord_speed", 1000.0, "m/s", "Positions that move faster have jumped.", "Choice."),
+    Tunable("max_chord_turn", 1e-3, "rad", "Largest turn of north from fix to fix, as at a pole.", "Choice."),
     Tunable("discrepancy_gate", 9.0, "NIS", "Gate of the rate of a chord.", "Three sigma, twice."),
     Tunable("velocity_lag_sigma", 0.3, "s", "Lag of a velocity behind its position.", "Recorded receivers."),
     Tunable("trapezoid_share", 0.25, "", "Error of a velocity's mean between two fixes over its change.", "Choice."),
@@ -71,6 +74,9 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
         begin_comparison(g)
     if g.count > 0:
         north, east = ned_difference(c, g.last_place[0], g.last_place[1], fix.lat, fix.lon)
+        turn = abs(wrap_angle(fix.lon - g.last_place[1]) * elementary.sin(fix.lat))
+        if elementary.hypot(north, east) > p.tuning.max_chord_speed * dt or turn > p.tuning.max_chord_turn:
+            begin_comparison(g)
         change = elementary.hypot(v_n - g.last_velocity[0], v_e - g.last_velocity[1])
         g.sum[0] += north - 0.5 * dt * (v_n + g.last_velocity[0])
         g.sum[1] += east - 0.5 * dt * (v_e + g.last_velocity[1])
@@ -93,9 +99,7 @@ def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int
     """Rate north and east over the n points until point `last`, m/s, and its variance; sigma: of the position, m."""
     a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
     t = 1e-9 * (b.t_ns - a.t_ns)
-    lag2 = p.tuning.velocity_lag_sigma**2 * difference2(
-        b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1]
-    )
+    lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
     bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
     r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag2
     return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
@@ -153,6 +157,9 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
     rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
     if too_fast or too_long or rejected:
         g.verdict = VELOCITY_WRONG
+    if too_long and last < VELOCITY_WRONG:  # the least certain of the three
+        for i in range(2):
+            inflate_position(c, i, (g.rate[i] * since_s) ** 2)
     elif last < UNUSED:
         g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
     if last < UNUSED and g.verdict >= UNUSED:

@@ -255,6 +255,7 @@ class Tuning:
     max_chord_speed: float
     max_chord_turn: float
     discrepancy_gate: float
+    discrepancy_rejects: int
     velocity_lag_sigma: float
     trapezoid_share: float
     compass_offset_chi2: float

@@ -237,7 +237,6 @@ class ChordPoint:
     sum: Reals
     velocity: Reals
     variance: float
-    rejected: int
 
 
 class VelocityDiscrepancy:
@@ -250,10 +249,7 @@ class VelocityDiscrepancy:
     points: list[ChordPoint]
     count: int
     rate: Reals
-    rejected: int
     onset_ns: int
-    onset_count: int
-    onset_rejected: int
     verdict: int
 
 

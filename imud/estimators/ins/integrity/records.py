@@ -140,7 +140,6 @@ CHORD_POINT = np.dtype(
         ("sum", "<f8", (2,)),  # m, north and east: way of the positions less integral of the velocity
         ("velocity", "<f8", (2,)),  # m/s
         ("variance", "<f8"),  # m^2, of the integral
-        ("rejected", "<i8"),  # points until then at which the estimate rejected the velocity
     ],
     align=True,
 )
@@ -156,10 +155,7 @@ VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positi
         ("points", CHORD_POINT, (CHORD_POINTS,)),
         ("count", "<i8"),  # points since the comparison began
         ("rate", "<f8", (2,)),  # m/s, the discrepancy: rate of the sum
-        ("rejected", "<i8"),  # as in CHORD_POINT
         ("onset_ns", "<i8"),  # since when there is a discrepancy
-        ("onset_count", "<i8"),  # points, and rejected ones, until then
-        ("onset_rejected", "<i8"),
         ("verdict", "<i8"),  # AGREES, UNDECIDED, VELOCITY_WRONG
     ],
     align=True,

@@ -47,6 +47,7 @@ TUNABLES = (
     Tunable("max_chord_speed", 1000.0, "m/s", "Positions that move faster have jumped.", "Choice."),
     Tunable("max_chord_turn", 1e-3, "rad", "Largest turn of north from fix to fix, as at a pole.", "Choice."),
     Tunable("discrepancy_gate", 9.0, "NIS", "Gate of the rate of a chord.", "Three sigma, twice."),
+    Tunable("discrepancy_rejects", 2, "fixes", "Rejected velocities in a row by which they are wrong.", "Choice."),
     Tunable("velocity_lag_sigma", 0.3, "s", "Lag of a velocity behind its position.", "Recorded receivers."),
     Tunable("trapezoid_share", 0.25, "", "Error of a velocity's mean between two fixes over its change.", "Choice."),
 )
@@ -86,8 +87,7 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
     if g.count > 0 and 1e-9 * (fix.t_ns - g.points[(g.count - 1) % CHORD_POINTS].t_ns) < p.tuning.chord_step_s:
         return
     point = g.points[g.count % CHORD_POINTS]
-    g.rejected += 1 if c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count > 0 else 0
-    point.t_ns, point.variance, point.rejected = fix.t_ns, g.sum_variance, g.rejected
+    point.t_ns, point.variance = fix.t_ns, g.sum_variance
     for i in range(2):
         point.sum[i], point.velocity[i] = g.sum[i], g.last_velocity[i]
     g.count += 1
@@ -137,8 +137,7 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
         g.onset_ns, g.verdict = NEVER_NS, AGREES
         g.rate[0] = g.rate[1] = 0.0
     elif longest > 0 and g.onset_ns == NEVER_NS:
-        first = g.points[(g.count - 1 - 2 * longest) % CHORD_POINTS]
-        g.onset_ns, g.onset_count, g.onset_rejected = first.t_ns, g.count - 2 * longest, first.rejected
+        g.onset_ns = g.points[(g.count - 1 - 2 * longest) % CHORD_POINTS].t_ns
 
 
 @kernel
@@ -154,14 +153,14 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
     since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
     too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed and not g.repeated
     too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
-    rejected = 2 * (g.rejected - g.onset_rejected) > g.count - g.onset_count
+    rejected = c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count >= p.tuning.discrepancy_rejects
     if too_fast or too_long or rejected:
         g.verdict = VELOCITY_WRONG
+    elif last < UNUSED:
+        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
     if too_long and last < VELOCITY_WRONG:  # the least certain of the three
         for i in range(2):
             inflate_position(c, i, (g.rate[i] * since_s) ** 2)
-    elif last < UNUSED:
-        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
     if last < UNUSED and g.verdict >= UNUSED:
         allow_for_discrepancy(c, g, since_s)
         restart_in_motion_alignment(c)

@@ -287,7 +287,7 @@ def few_fixes():
 
 
 def contrary_velocity():
-    """The receiver's course is false for a while: the filter gives its heading up, and finds it again."""
+    """The receiver's course is false for a while: its velocity contradicts its positions, and is not used."""
     samples, fixes = data(seed=19)
     fixes["course"][between(fixes, 70.0, 95.0)] += 1.6
     return navigated(samples, fixes, HEADED)

@@ -46,6 +46,8 @@ INS = {
     "FaultSensitivities": integrity.FAULT_SENSITIVITIES,
     "Drift": integrity.DRIFT,
     "VelocityDrift": integrity.VELOCITY_DRIFT,
+    "ChordPoint": integrity.CHORD_POINT,
+    "VelocityDiscrepancy": integrity.VELOCITY_DISCREPANCY,
     "TimeOffsetStep": integrity.TIME_OFFSET_STEP,
     "CompassOffset": integrity.COMPASS_OFFSET,
     "GyroBiasStep": integrity.GYRO_BIAS_STEP,

@@ -27,6 +27,7 @@ from .integrity.records import (
     GYRO_BIAS_STEP,
     INTEGRITY,
     TIME_OFFSET_STEP,
+    VELOCITY_DISCREPANCY,
     VELOCITY_DRIFT,
 )
 from .state import (
@@ -189,6 +190,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
             "fix_age_error2",
             "<f8",
         ),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes only
+        ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
+        ("discrepancy_onset_ns", "<i8"),
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
         ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
         ("exponentials", "<f8", (EXPONENTIALS,)),
@@ -255,6 +258,7 @@ STATE = np.dtype(
         ("snapshots", SNAPSHOT, (SNAPSHOTS,)),
         ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),  # by kind; change with new measurements only
         ("fix_age", FIX_AGE),  # changes with new fixes only
+        ("velocity_discrepancy", VELOCITY_DISCREPANCY),  # the same
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
         ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
         ("aiding_start", "<i8"),  # measurements no longer kept: the number of the oldest that is

@@ -31,6 +31,7 @@ from .fusion_horizon import (
 )
 from .gnss_fix import fuse_gnss, is_usable, set_noise
 from .integrity.compass_offset import open_compass_offset
+from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -128,6 +129,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
     if fix.t_ns >= s.last_epoch_ns and not too_new:
         learn_fix_age(p, s, fix)
+        compare_with_positions(p, c, s.velocity_discrepancy, fix)
     found = is_fix_age_found(p, s.fix_age)
     if found:
         s.last_time_offset = s.fix_age.age
@@ -136,9 +138,11 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
         use_fix_age(p, c, s.fix_age, fix)
+    judge_discrepancy(p, c, s.velocity_discrepancy)
     c.scratch.fix_age_error2 = probable_error2(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
+    remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
     return fuse_from(p, s, k, snapshots, innovations)
 
 

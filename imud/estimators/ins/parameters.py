@@ -67,6 +67,7 @@ from .integrity import (
     gyro_bias_step,
     heading_monitor,
     time_offset_step,
+    velocity_discrepancy,
     velocity_drift,
 )
 from .state import AUTO, FREE, LAND
@@ -118,6 +119,7 @@ TUNABLES = (
     *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
     *velocity_drift.TUNABLES,
+    *velocity_discrepancy.TUNABLES,
     *compass_offset.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,

@@ -104,6 +104,7 @@ def start(parameters: Records, initial: Initial) -> Records:
         c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
         c[name]["last_value"] = math.nan
     s["source_ages"]["last_ns"] = s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
+    s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS
     s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)
     s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
     c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = c["odometer"]["reading_ns"] = NEVER_NS

@@ -119,7 +119,19 @@ def rejected_position(c: Core, axis: int) -> tuple[float, float]:
 
 
 @kernel
-def state_sigmas(c: Core) -> None:
+def open_discrepancy(p: Parameters, c: Core, axis: int) -> tuple[float, float]:
+    """What a receiver whose velocity and positions contradict each other adds to the stated variances of an axis.
+
+    Either of them may be wrong: m^2 and m^2/s^2.
+    """
+    if axis == 2 or c.scratch.discrepancy2[axis] == 0.0:
+        return 0.0, 0.0
+    since_s = min(1e-9 * (c.nav.t_ns - c.scratch.discrepancy_onset_ns), p.tuning.max_reject_s)
+    return float(c.scratch.discrepancy2[axis] * since_s**2), float(c.scratch.discrepancy2[axis])
+
+
+@kernel
+def state_sigmas(p: Parameters, c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
     stated = c.scratch.stated_variances
     changed = False
@@ -127,11 +139,14 @@ def state_sigmas(c: Core) -> None:
         added_p, added_v = likely_drift(c, i)
         rejected_p, rejected_v = rejected_position(c, i)
         added_v += rejected_v
+        open_p, open_v = open_discrepancy(p, c, i)  # the same error as of a likely drift
+        added_v = max(added_v, open_v)
+        added_p = max(added_p, open_p)
         added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
-        p, v = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
+        p2, v2 = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
-        changed |= (p != stated[i]) | (v != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
-        stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p, v, bg, ba
+        changed |= (p2 != stated[i]) | (v2 != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
+        stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p2, v2, bg, ba
     if changed:
         for i in range(12):
             c.scratch.stated_sigmas[i] = math.sqrt(stated[i])
@@ -153,7 +168,7 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.f[i] = c.imu.f[i] - c.nav.ba[i]
         o.bg[i] = c.nav.bg[i]
         o.ba[i] = c.nav.ba[i]
-    state_sigmas(c)
+    state_sigmas(p, c)
     sigmas = c.scratch.stated_sigmas
     for i in range(3):
         o.sigma_p[i] = sigmas[i] if known else math.nan

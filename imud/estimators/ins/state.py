@@ -39,6 +39,7 @@ IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
 GYRO_BIAS_ONSETS = 4  # times at which the gyro bias may have stepped
+CHORD_POINTS = 33  # of the comparison of a receiver's velocity with its positions
 ONSETS = 3  # times at which the receiver may have begun to drift
 # columns of the sensitivities to faults: see `integrity.fault_sensitivity`
 DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, VELOCITY_DRIFT_FAULT, FAULTS = 0, 6, 7, 11, 12, 21

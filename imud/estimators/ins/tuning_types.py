@@ -94,6 +94,7 @@ class Tuning:
     inertial_heading_error: float
     max_velocity_rejects: int
     unconfirmed_velocity_rejects: int
+    min_velocity_reject_s: float
     max_reset_score: float
     reset_score_decay: float
     time_tag_tolerance_s: float
@@ -250,6 +251,14 @@ class Tuning:
     velocity_drift_correlation_s: float
     heading_confirmations: int
     unconfirmed_heading_sigma: float
+    chord_step_s: float
+    max_chord_step_s: float
+    max_chord_speed: float
+    max_chord_turn: float
+    discrepancy_gate: float
+    discrepancy_rejects: int
+    velocity_lag_sigma: float
+    trapezoid_share: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
     compass_offset_memory_s: float

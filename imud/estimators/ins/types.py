@@ -185,6 +185,7 @@ class Integrity:
     frozen: int
     survey_epochs: int
     velocity_reject_count: int
+    velocity_reject_ns: int
     position_inflation: Reals
     velocity_inflation: Reals
     reset_score: float
@@ -207,6 +208,8 @@ class FaultSensitivities:
 
 class Drift:
     detected: int
+    velocity: Reals
+    since_ns: int
     noise_scale: float
     noise_scale_count: int
     pending_noise_scale: float
@@ -230,6 +233,27 @@ class VelocityDrift:
     position_variance: Reals
     velocity_variance: Reals
     heading_variance: float
+
+
+class ChordPoint:
+    t_ns: int
+    sum: Reals
+    velocity: Reals
+    variance: float
+
+
+class VelocityDiscrepancy:
+    last_ns: int
+    last_place: Reals
+    last_velocity: Reals
+    repeated: int
+    sum: Reals
+    sum_variance: float
+    points: list[ChordPoint]
+    count: int
+    rate: Reals
+    onset_ns: int
+    verdict: int
 
 
 class TimeOffsetStep:
@@ -410,6 +434,8 @@ class Scratch:
     innovation_count: int
     age_variance: float
     fix_age_error2: float
+    discrepancy2: Reals
+    discrepancy_onset_ns: int
     stated_variances: Reals
     exp_arguments: Reals
     exponentials: Reals
@@ -530,6 +556,7 @@ class State:
     snapshots: list[Snapshot]
     source_ages: list[SourceAge]
     fix_age: FixAge
+    velocity_discrepancy: VelocityDiscrepancy
     imu_ring: list[StoredSample]
     aiding_ring: list[StoredMeasurement]
     aiding_start: int

@@ -16,13 +16,13 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..integrity.compass_offset import is_unconfirmed
-from ..integrity.gnss_drift import all_onsets_open, clear_detection, reset_drift
+from ..integrity.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
 from ..integrity.gyro_bias_step import reset_gyro_bias_step
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..integrity.time_offset_step import reset_time_offset_step
 from ..integrity.velocity_drift import reset_velocity_drift
 from ..mechanization import displace
-from ..state import ATTITUDE, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
+from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
 from .wheel_check import wheels_reject, wheels_support
 
@@ -89,6 +89,13 @@ TUNABLES = (
         "The same with a heading that a compass gave and motion has not confirmed.",
         "Choice.",
     ),
+    Tunable(
+        "min_velocity_reject_s",
+        2.5,
+        "s",
+        "Least time of rejected velocities that contradict a heading.",
+        "The receiver's positions need as long to show that its velocity is wrong.",
+    ),
     Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
     Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
@@ -105,6 +112,12 @@ def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity."""
     reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
     return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
+
+
+@kernel
+def only_receiver_supports(p: Parameters, c: Core, fix: Fix) -> bool:
+    """Whether the velocity that the receiver reports supports the estimated one, and nothing else does."""
+    return reports_velocity(fix) and c.stationarity.at_rest == 0 and not wheels_support(p, c)
 
 
 @kernel
@@ -224,6 +237,14 @@ def reset_to_gnss(
 
 
 @kernel
+def allow_for_wrong_velocity(c: Core) -> None:
+    """No drift of positions lasts so long: the velocity that supported the estimate was wrong, and it goes on."""
+    for i in range(2):
+        add_variance(c, VELOCITY + i, c.drift.velocity[i] ** 2)
+        add_variance(c, GNSS_VELOCITY_BIAS + i, c.drift.velocity[i] ** 2)
+
+
+@kernel
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
@@ -238,6 +259,9 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     supported, outage_s = velocity_is_supported(p, c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     consistent_s = consistent_for(p, c, supported)
     state_rejection(p, c, supported, outage_s)
+    either = c.drift.detected == BY_POSITIONS and only_receiver_supports(p, c, fix)
+    if either:
+        state_detected_drift(c)
     if g.reject_count[0] == 1:
         g.outage_at_reject_s = outage_s
     if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
@@ -247,6 +271,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
     reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
+    if either:
+        allow_for_wrong_velocity(c)
     reset_drift(c)
     reset_time_offset_step(c)
     reset_gyro_bias_step(c)
@@ -287,7 +313,10 @@ def reject_frozen(c: Core) -> None:
 @kernel
 def count_velocity_rejects(c: Core, rejected: int) -> None:
     """Count fixes in a row with a rejected velocity; `rejected`: rejected components of the last one."""
-    c.integrity.velocity_reject_count = c.integrity.velocity_reject_count + 1 if rejected else 0
+    g = c.integrity
+    g.velocity_reject_count = g.velocity_reject_count + 1 if rejected else 0
+    if g.velocity_reject_count == 1:
+        g.velocity_reject_ns = c.nav.t_ns
 
 
 @kernel
@@ -297,7 +326,8 @@ def contradicts_heading(p: Parameters, c: Core) -> bool:
     most = p.tuning.max_velocity_rejects * (p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0)
     if is_unconfirmed(c):
         most = p.tuning.unconfirmed_velocity_rejects
-    return bool(g.velocity_reject_count > most or g.reset_score > p.tuning.max_reset_score)
+    lasting = 1e-9 * (c.nav.t_ns - g.velocity_reject_ns) > p.tuning.min_velocity_reject_s
+    return bool((g.velocity_reject_count > most and lasting) or g.reset_score > p.tuning.max_reset_score)
 
 
 @kernel

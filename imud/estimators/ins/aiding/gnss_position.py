@@ -21,7 +21,7 @@ from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET
-from .gnss_gate import gate_height, gate_position, set_rejecting, split_excess
+from .gnss_gate import gate_height, gate_position, only_receiver_supports, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
     lever_arm_rate_variance,
@@ -140,7 +140,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
         correct_state(p, c)
         mark_used(c)
         confirm_survey_epochs(p, c)
-        if c.alignment.mode == NAVIGATING and detect_drift(p, c):
+        if c.alignment.mode == NAVIGATING and detect_drift(p, c, only_receiver_supports(p, c, fix)):
             correct_state(p, c)
         limit_position_confidence(p, c)
     set_rejecting(c)

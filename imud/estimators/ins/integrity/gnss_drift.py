@@ -89,14 +89,30 @@ def clear_likely_drift(c: Core) -> None:
 
 
 @kernel
-def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float]) -> None:
-    """Store what the likely drift `found` since onset j adds to the stated variances."""
+def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float], either: bool) -> None:
+    """Store what the likely drift `found` since onset j adds to the stated variances.
+
+    either: instead of the positions the receiver's velocity may be wrong, by as much the other way.
+    """
     g, u, n = c.drift, c.faults.sensitivity, DRIFT_FAULT + 2 * j
+    since_s = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
     for i in range(2):
         p = u[POSITION + i, n] * found[0] + u[POSITION + i, n + 1] * found[1]
         v = u[VELOCITY + i, n] * found[0] + u[VELOCITY + i, n + 1] * found[1]
         g.position_variance[i] = max(g.position_variance[i], p * p)
         g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
+        if either:
+            g.position_variance[i] = max(g.position_variance[i], (found[i] * since_s - p) ** 2)
+            g.velocity_variance[i] = max(g.velocity_variance[i], (found[i] - v) ** 2)
+
+
+@kernel
+def state_detected_drift(c: Core) -> None:
+    """Store what a detected drift adds to the stated variances while the receiver's velocity may be wrong instead."""
+    g = c.drift
+    for i in range(2):
+        g.position_variance[i] = (g.velocity[i] * 1e-9 * (c.nav.t_ns - g.since_ns)) ** 2
+        g.velocity_variance[i] = g.velocity[i] ** 2
 
 
 @kernel
@@ -135,6 +151,7 @@ def open_onset(c: Core, j: int) -> None:
 def clear_detection(c: Core) -> None:
     """Clear the detection: the receiver's positions agree with the estimate again."""
     c.drift.detected = 0
+    clear_likely_drift(c)
 
 
 @kernel
@@ -229,8 +246,11 @@ def learn_gnss_noise_scale(p: Parameters, c: Core, ratio: float) -> None:
 
 
 @kernel
-def detect_drift(p: Parameters, c: Core) -> bool:
-    """After a position was fused: True if a drift is detected; then its correction is in scratch.x, not injected."""
+def detect_drift(p: Parameters, c: Core, either: bool) -> bool:
+    """After a position was fused: True if a drift is detected; then its correction is in scratch.x, not injected.
+
+    either: see `state_likely_drift`.
+    """
     g = c.drift
     best, worst, oldest, youngest_s = 0, 0.0, 0, math.inf
     clear_likely_drift(c)
@@ -242,12 +262,13 @@ def detect_drift(p: Parameters, c: Core) -> bool:
         if p.tuning.min_drift_s < age < math.inf and g.innovation_count[j] >= 2 * p.tuning.min_drift_fixes:
             found = estimate_drift(p, c, j, g.noise_scale)
             if found[5] > p.tuning.likely_drift_chi2:
-                state_likely_drift(c, j, found)
+                state_likely_drift(c, j, found, either)
             if found[5] > worst:
                 best, worst = j, found[5]
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
         found = estimate_drift(p, c, best, g.noise_scale)
         remove_drift(c, DRIFT_FAULT + 2 * best, (found[0], found[1]), found[2], found[3], found[4])
+        g.since_ns, g.velocity[0], g.velocity[1] = g.onset_ns[best], found[0], found[1]
         reset_drift(c)
         g.detected = BY_POSITIONS
         return True

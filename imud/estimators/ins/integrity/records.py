@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
+from ..state import CHORD_POINTS, FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
 
 INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
     [
@@ -19,6 +19,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
         ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
+        ("velocity_reject_ns", "<i8"),  # the first of them
         (
             "position_inflation",
             "<f8",
@@ -53,6 +54,8 @@ FAULT_SENSITIVITIES = np.dtype(
 DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
     [
         ("detected", "<i8"),  # by what: BY_POSITIONS, BY_WHEELS; 0: none is detected
+        ("velocity", "<f8", (2,)),  # m/s, north and east, of the one that was detected, and since when it is
+        ("since_ns", "<i8"),
         ("noise_scale", "<f8"),  # variance of the receiver's bias over the reported one
         ("noise_scale_count", "<i8"),  # onsets from which it was learned
         ("pending_noise_scale", "<f8"),  # that of the last closed onset, learned at the next
@@ -123,6 +126,33 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
         ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step
         ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
+    ],
+    align=True,
+)
+
+CHORD_POINT = np.dtype(
+    [
+        ("t_ns", "<i8"),  # epoch of the fix
+        ("sum", "<f8", (2,)),  # m, north and east: way of the positions less integral of the velocity
+        ("velocity", "<f8", (2,)),  # m/s
+        ("variance", "<f8"),  # m^2, of the integral
+    ],
+    align=True,
+)
+
+VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positions
+    [
+        ("last_ns", "<i8"),  # epoch of the last fix
+        ("last_place", "<f8", (2,)),  # its latitude and longitude, rad
+        ("last_velocity", "<f8", (2,)),  # m/s, north and east
+        ("repeated", "<i8"),  # 1: its position is that of the fix before to the last digit
+        ("sum", "<f8", (2,)),  # as in CHORD_POINT
+        ("sum_variance", "<f8"),
+        ("points", CHORD_POINT, (CHORD_POINTS,)),
+        ("count", "<i8"),  # points since the comparison began
+        ("rate", "<f8", (2,)),  # m/s, the discrepancy: rate of the sum
+        ("onset_ns", "<i8"),  # since when there is a discrepancy
+        ("verdict", "<i8"),  # AGREES, UNDECIDED, VELOCITY_WRONG
     ],
     align=True,
 )

@@ -1,0 +1,193 @@
+"""A receiver's velocity against its own positions: the two contradict each other for seconds, so one of them is wrong.
+
+The way from fix to fix less the integral of the velocity is a sum that stays where both are right. Its rate over a
+chord is the discrepancy, its variance follows from the errors that a receiver has. A jump of the position is in one
+chord only. So a discrepancy is what two successive chords of the same length have in common: the smaller of their
+rates, if both have the same sign and are beyond their gates. Chords of several lengths run beside each other: short
+ones find a large discrepancy soon, long ones a small one at all.
+
+Which of the two is wrong? Positions drift no faster and for no longer than `max_drift_speed` and `max_reject_s` say;
+beyond that the velocity is wrong. It is wrong as well where the estimate has rejected it, that is where the inertial
+sensor has not felt it begin. Until one of these decides, either may be wrong: the discrepancy is part of the stated
+velocity, and what it has done since it began of the stated position. A wrong velocity is not used; one that may be
+wrong is used while navigating, but not in coarse alignment, where nothing holds against it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ....math.rotation import Vector
+from ...tuning import Tunable
+from ..aiding.gnss_noise import horizontal_sigma
+from ..aiding.gnss_velocity import velocity_of
+from ..alignment.velocity_pairs import restart_in_motion_alignment
+from ..ekf import add_covariance, add_variance
+from ..mechanization import ned_difference, wrap_angle
+from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
+from .gnss_drift import reset_drift
+from .gyro_bias_step import reset_gyro_bias_step
+from .reset_inflation import inflate_position
+from .time_offset_step import reset_time_offset_step
+from .velocity_drift import reset_velocity_drift
+
+if TYPE_CHECKING:
+    from ...types import Fix
+    from ..types import Core, Parameters, VelocityDiscrepancy
+
+CHORDS = (1, 2, 4, 8, 16)  # lengths in points
+AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG = 0, 1, 2, 3  # verdicts; of the third, too, either may be wrong
+TUNABLES = (
+    Tunable("chord_step_s", 0.95, "s", "Least time between two points of a chord.", "Receivers of 1 Hz."),
+    Tunable("max_chord_step_s", 3.0, "s", "Longest time between two fixes of a chord.", "Choice."),
+    Tunable("max_chord_speed", 1000.0, "m/s", "Positions that move faster have jumped.", "Choice."),
+    Tunable("max_chord_turn", 1e-3, "rad", "Largest turn of north from fix to fix, as at a pole.", "Choice."),
+    Tunable("discrepancy_gate", 9.0, "NIS", "Gate of the rate of a chord.", "Three sigma, twice."),
+    Tunable("discrepancy_rejects", 2, "fixes", "Rejected velocities in a row by which they are wrong.", "Choice."),
+    Tunable("velocity_lag_sigma", 0.3, "s", "Lag of a velocity behind its position.", "Recorded receivers."),
+    Tunable("trapezoid_share", 0.25, "", "Error of a velocity's mean between two fixes over its change.", "Choice."),
+)
+
+
+@kernel
+def begin_comparison(g: VelocityDiscrepancy) -> None:
+    """Nothing is known of the velocity between the last fix and this one."""
+    g.count = 0
+    g.verdict = AGREES
+    g.onset_ns = NEVER_NS
+    for i in range(2):
+        g.rate[i] = 0.0
+
+
+@kernel
+def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
+    """Take a fix, in the order of the epochs: the discrepancy until now."""
+    v_n, v_e, dt = velocity_of(p, fix, 0), velocity_of(p, fix, 1), 1e-9 * (fix.t_ns - g.last_ns)
+    g.repeated = 1 if fix.lat == g.last_place[0] and fix.lon == g.last_place[1] else 0
+    if (c.integrity.frozen != 0 and g.repeated) or not math.isfinite(v_n + v_e):
+        begin_comparison(g)
+        return
+    if g.last_ns == NEVER_NS or not 0.0 < dt < p.tuning.max_chord_step_s:
+        begin_comparison(g)
+    if g.count > 0:
+        north, east = ned_difference(c, g.last_place[0], g.last_place[1], fix.lat, fix.lon)
+        turn = abs(wrap_angle(fix.lon - g.last_place[1]) * elementary.sin(fix.lat))
+        if elementary.hypot(north, east) > p.tuning.max_chord_speed * dt or turn > p.tuning.max_chord_turn:
+            begin_comparison(g)
+        change = elementary.hypot(v_n - g.last_velocity[0], v_e - g.last_velocity[1])
+        g.sum[0] += north - 0.5 * dt * (v_n + g.last_velocity[0])
+        g.sum[1] += east - 0.5 * dt * (v_e + g.last_velocity[1])
+        g.sum_variance += dt * dt * ((p.tuning.trapezoid_share * change) ** 2 + c.gnss.velocity_noise_var)
+    g.last_ns, g.last_place[0], g.last_place[1] = fix.t_ns, fix.lat, fix.lon
+    g.last_velocity[0], g.last_velocity[1] = v_n, v_e
+    if g.count > 0 and 1e-9 * (fix.t_ns - g.points[(g.count - 1) % CHORD_POINTS].t_ns) < p.tuning.chord_step_s:
+        return
+    point = g.points[g.count % CHORD_POINTS]
+    point.t_ns, point.variance = fix.t_ns, g.sum_variance
+    for i in range(2):
+        point.sum[i], point.velocity[i] = g.sum[i], g.last_velocity[i]
+    g.count += 1
+    find_discrepancy(p, c, g, horizontal_sigma(p, fix))
+
+
+@kernel
+def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, sigma: float) -> Vector:
+    """Rate north and east over the n points until point `last`, m/s, and its variance; sigma: of the position, m."""
+    a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
+    t = 1e-9 * (b.t_ns - a.t_ns)
+    lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
+    bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
+    r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag2
+    return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+
+
+@kernel
+def difference2(north: float, east: float, from_north: float, from_east: float) -> float:
+    """Square of the length of a difference of two vectors."""
+    return (north - from_north) ** 2 + (east - from_east) ** 2
+
+
+@kernel
+def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: float) -> None:
+    """The largest rate that two successive chords have in common; without any the last one, until two refute it.
+
+    sigma: of the position, m.
+    """
+    gate, largest2, longest, refuted = p.tuning.discrepancy_gate, 0.0, 0, False
+    held_n, held_e = g.rate[0], g.rate[1]
+    for n in CHORDS:
+        if g.count <= 2 * n:
+            continue
+        now, before = chord_rate(p, c, g, g.count - 1, n, sigma), chord_rate(p, c, g, g.count - 1 - n, n, sigma)
+        now2, before2 = now[0] ** 2 + now[1] ** 2, before[0] ** 2 + before[1] ** 2
+        if now2 > gate * now[2] and before2 > gate * before[2] and now[0] * before[0] + now[1] * before[1] > 0.0:
+            common = now if now2 < before2 else before
+            if min(now2, before2) > largest2:
+                largest2, longest = min(now2, before2), n
+                g.rate[0], g.rate[1] = common[0], common[1]
+        refuted = refuted or (
+            difference2(now[0], now[1], held_n, held_e) > gate * now[2]
+            and difference2(before[0], before[1], held_n, held_e) > gate * before[2]
+        )
+    if longest == 0 and refuted:
+        g.onset_ns, g.verdict = NEVER_NS, AGREES
+        g.rate[0] = g.rate[1] = 0.0
+    elif longest > 0 and g.onset_ns == NEVER_NS:
+        g.onset_ns = g.points[(g.count - 1 - 2 * longest) % CHORD_POINTS].t_ns
+
+
+@kernel
+def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
+    """Set the verdict, and what the discrepancy adds to the stated variances while that is open.
+
+    When the velocity is not used any more, the estimate has followed it since the onset: P has that from then on.
+    """
+    for i in range(2):
+        c.scratch.discrepancy2[i] = 0.0
+    if g.onset_ns == NEVER_NS:
+        return
+    since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
+    too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed and not g.repeated
+    too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
+    rejected = c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count >= p.tuning.discrepancy_rejects
+    if too_fast or too_long or rejected:
+        g.verdict = VELOCITY_WRONG
+    elif last < UNUSED:
+        g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
+    if too_long and last < VELOCITY_WRONG:  # the least certain of the three
+        for i in range(2):
+            inflate_position(c, i, (g.rate[i] * since_s) ** 2)
+    if last < UNUSED and g.verdict >= UNUSED:
+        allow_for_discrepancy(c, g, since_s)
+        restart_in_motion_alignment(c)
+        reset_drift(c)
+        reset_time_offset_step(c)
+        reset_gyro_bias_step(c)
+        reset_velocity_drift(c)
+    if g.verdict < VELOCITY_WRONG:
+        c.scratch.discrepancy_onset_ns = g.onset_ns
+        for i in range(2):
+            c.scratch.discrepancy2[i] = g.rate[i] ** 2
+
+
+@kernel
+def allow_for_discrepancy(c: Core, g: VelocityDiscrepancy, since_s: float) -> None:
+    """Add to P what a wrong velocity has done for `since_s`."""
+    for i in range(2):
+        v2 = g.rate[i] ** 2
+        add_variance(c, VELOCITY + i, v2)
+        add_covariance(c, POSITION + i, VELOCITY + i, v2 * since_s)
+        add_variance(c, POSITION + i, v2 * since_s**2)
+
+
+@kernel
+def remove_wrong_velocity(g: VelocityDiscrepancy, fix: Fix) -> None:
+    """Take the velocity out of a fix if it is wrong, or may be and is not used for that."""
+    if g.verdict >= UNUSED:
+        fix.speed = fix.course = math.nan
+        for i in range(3):
+            fix.v[i] = fix.sigma_v[i] = math.nan

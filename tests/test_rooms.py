@@ -87,6 +87,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         f"imud/estimators/ins/{name}.py"
         for name in (
             "process_noise",
+            "heading_boresight",
             "integrity/gnss_drift",
             "integrity/reset_inflation",
             "integrity/time_offset_step",

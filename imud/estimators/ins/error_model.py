@@ -162,6 +162,7 @@ def reset_gyro_scale(p: Parameters, c: Core) -> None:
     for k in range(9):
         sigma = p.gyro_scale if k % 4 == 0 else p.gyro_misalignment
         reset(c.cov.P, STATES, GYRO_SCALE + k, sigma**2)
+        c.heading_aid.boresight_covariance[GYRO_SCALE + k, 0] = 0.0
 
 
 @kernel

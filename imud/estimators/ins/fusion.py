@@ -22,6 +22,7 @@ from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
+from .heading_boresight import add_boresight, covariance_with_boresight, propagate_boresight, update_boresight
 from .integrity.compass_offset import add_to_compass_offset, propagate_compass_offset, update_compass_offset
 from .integrity.gnss_drift import BY_WHEELS, propagate_sensitivity, update_sensitivity
 from .integrity.gyro_bias_step import add_to_gyro_bias_step, propagate_gyro_bias_step, update_gyro_bias_step
@@ -30,7 +31,7 @@ from .integrity.time_offset_step import add_to_time_offset_step, propagate_time_
 from .integrity.velocity_drift import add_to_velocity_drift, propagate_velocity_drift, update_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import NAVIGATING, VELOCITY
+from .state import COMPASS_AXIS, NAVIGATING, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -54,6 +55,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_gyro_bias_step(c, transition)
     propagate_velocity_drift(c, transition)
     propagate_compass_offset(c, transition)
+    propagate_boresight(p, c, transition)
     propagate_learning(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
@@ -63,14 +65,17 @@ def propagate_errors(p: Parameters, c: Core) -> None:
 def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
-    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading; -1 anything else.
+    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading, -3 one of the heading
+    source; -1 anything else.
     """
     compute_gain(c, s)
+    e = covariance_with_boresight(c, length, axis)
     update_sensitivity(c, length, s, z, axis)
     update_time_offset_step(c, length, s)
     update_gyro_bias_step(c, length, s)
     update_velocity_drift(c, length, s, axis)
-    update_compass_offset(c, length, s, axis)
+    update_compass_offset(c, length, s, e, axis)
+    update_boresight(c, z, s, e)
     update_learning(c, length, z, s)
     apply_gain(c, z)
 
@@ -95,6 +100,8 @@ def correlated_update(
     `fuse`.
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
+    if axis == COMPASS_AXIS:
+        s += add_boresight(c, length)
     return test_and_fuse(c, length, z, s, shared, gate, axis)
 
 

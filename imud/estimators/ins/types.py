@@ -249,6 +249,7 @@ class CompassOffset:
     energy: float
     count: float
     sensitivity: Tensor
+    boresight_sensitivity: float
     heading_variance: float
 
 
@@ -336,6 +337,17 @@ class HeadingAid:
     last_used_ns: int
     distrusted: int
     agreeing_ns: int
+    boresight: float
+    boresight_variance: float
+    turn_ns: int
+    turn_count: int
+    turn_heading: float
+    turn_rate: float
+    turn: float
+    turn_shown: float
+    last_turn: Reals
+    turn_products: Reals
+    boresight_covariance: Tensor
 
 
 class Magnetometer:

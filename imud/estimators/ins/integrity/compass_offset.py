@@ -4,14 +4,15 @@ A compass may be mounted wrong, near iron or in other units, and a user may be m
 offset d from the true ones, and the estimate, which began with them or follows them, by w d:
 
     w = -1 at the heading at the onset, if the compass or the user gave the heading, else 0,
-    w <- T w (T: the transition matrix),    w <- (I - K h) w at an update,    w <- (I - K h) w - K at a heading's.
+    w <- T w (T: the transition matrix),    w <- w - K (h w + B v) at an update, B = 1 of a heading, else 0,
 
-The innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
+and the boresight, whose error is v d from v = 1 on (`aiding.heading_boresight`), by v <- v - (e / s) (h w + B v). The
+innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
 `compass_offset_memory_s`, used or not, gives d, and its chi-square is compared with a threshold (generalized likelihood
 ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known
-to be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no
-drift or step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the
-heading.
+to be small, or, of a compass, its sigma and what d does to it, and the residuals as expected. Until then a
+contradiction is the heading's, not the receiver's: no drift or step of its time tags is looked for, and few rejected
+velocities (`unconfirmed_velocity_rejects`) or large residuals (`contradicted_residual`) end the heading.
 
 When an offset is detected, x += w d and P += sigma^2 w w'. The effect of a large one is not linear, and that of an
 offset that varies, as near iron, is another: the heading then has to be found anew.
@@ -28,7 +29,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_correction, add_covariance, variance
 from ..error_model import apply_transition
-from ..state import ATTITUDE, HEADING_AXIS, NAVIGATING, NEVER_NS, STATES
+from ..state import ATTITUDE, COMPASS_AXIS, HEADING_AXIS, NAVIGATING, NEVER_NS, STATES
 from .time_offset_step import chi2_beyond
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ TUNABLES = (
         "confirmed_offset",
         math.radians(5.0),
         "rad",
-        "A heading is confirmed when a larger offset is excluded by two sigmas.",
+        "A heading is confirmed when a larger offset, or what it does to the heading, is excluded by two sigmas.",
         "Choice.",
     ),
     Tunable("confirmed_residual", 3.0, "", "Largest mean NIS of the fixes that confirm a heading.", "Choice."),
@@ -72,6 +73,13 @@ TUNABLES = (
         2.0,
         "",
         "Largest mean NIS that a detected offset leaves where it is constant.",
+        "Choice.",
+    ),
+    Tunable(
+        "contradicted_residual",
+        8.0,
+        "",
+        "Mean NIS of the fixes from which a heading that a compass gave and motion has not confirmed is wrong.",
         "Choice.",
     ),
     Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
@@ -87,6 +95,7 @@ def open_compass_offset(c: Core, given: bool) -> None:
     for i in range(STATES):
         g.sensitivity[i, 0] = 0.0
     g.sensitivity[ATTITUDE + 2, 0] = -1.0 if given else 0.0
+    g.boresight_sensitivity = 1.0
 
 
 @kernel
@@ -140,15 +149,16 @@ def add_to_compass_offset(p: Parameters, c: Core, length: int, z: float, s: floa
 
 
 @kernel
-def update_compass_offset(c: Core, length: int, s: float, axis: int) -> None:
-    """w <- w - K (b + h w) before the scalar update that follows, of variance s; P h is in scratch.d.
-
-    b: 1 for a heading, else 0.
+def update_compass_offset(c: Core, length: int, s: float, e: float, axis: int) -> None:
+    """w and v before the scalar update that follows, of variance s; d is in scratch.d, e its covariance with the
+    boresight.
     """
     g = c.compass_offset
     if g.onset_ns == NEVER_NS:
         return
-    share = (mean_innovation(c, length) + (1.0 if axis == HEADING_AXIS else 0.0)) / s
+    own = g.boresight_sensitivity if axis == COMPASS_AXIS else 1.0 if axis == HEADING_AXIS else 0.0
+    share = (mean_innovation(c, length) + own) / s
+    g.boresight_sensitivity -= share * e
     for i in range(STATES):
         g.sensitivity[i, 0] -= share * c.scratch.d[i]
 
@@ -158,6 +168,17 @@ def explained_by_compass_offset(c: Core) -> float:
     """Sum of the normalised innovations squared that an offset explains."""
     g = c.compass_offset
     return g.vector * g.vector / g.information if g.onset_ns != NEVER_NS and g.information > 0.0 else 0.0
+
+
+@kernel
+def fixes_contradict_heading(p: Parameters, c: Core) -> bool:
+    """Whether the innovations of fixes are far too large for a compass's heading that motion has not confirmed.
+
+    A heading that is the wrong way round is no offset whose effect is linear: velocities differ along their changes.
+    """
+    g = c.compass_offset
+    by_compass = g.unconfirmed != 0 and c.heading_aid.boresight_variance > 0.0
+    return bool(by_compass and g.energy > p.tuning.contradicted_residual * max(g.count, p.tuning.confirming_fixes))
 
 
 @kernel
@@ -179,9 +200,13 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     if chi2 > p.tuning.compass_offset_chi2 and abs(d) > p.tuning.min_compass_offset:
         return d
     settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count
-    if settled and variance(c, ATTITUDE + 2) < (0.5 * p.tuning.confirmed_offset) ** 2:
+    shown = settled and variance(c, ATTITUDE + 2) < (0.5 * p.tuning.confirmed_offset) ** 2
+    if shown:
         g.turn_variance = 0.0  # the fixes have shown the heading itself
-    if settled and abs(d) + 2.0 * sigma < p.tuning.confirmed_offset:
+    possible = abs(d) + 2.0 * sigma
+    if c.heading_aid.boresight_variance > 0.0:  # which takes most of an offset
+        possible *= abs(g.sensitivity[ATTITUDE + 2, 0]) if shown else math.inf
+    if settled and possible < p.tuning.confirmed_offset:
         g.unconfirmed = 0
         if c.heading_aid.last_ns == NEVER_NS:  # the user gave it: nothing brings an offset in later
             close_compass_offset(c)

@@ -111,6 +111,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<f8"),  # number of these
         ("sensitivity", "<f8", (STATES, 1)),  # error states per rad of the offset
+        ("boresight_sensitivity", "<f8"),  # error of the boresight, rad per rad
         ("heading_variance", "<f8"),  # rad^2, beyond P: of an offset that is likely but not detected
     ],
     align=True,

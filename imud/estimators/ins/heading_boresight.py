@@ -62,7 +62,7 @@ def forget_boresight(c: Core) -> None:
     g = c.heading_aid
     g.boresight = g.boresight_variance = 0.0
     for i in range(STATES):
-        g.boresight_covariance[i, 0] = 0.0
+        c.cov.boresight[i, 0] = 0.0
 
 
 @kernel
@@ -70,8 +70,8 @@ def share_boresight(c: Core) -> None:
     """The yaw has just been set to a heading: it has the error of the boresight."""
     g = c.heading_aid
     for i in range(STATES):
-        g.boresight_covariance[i, 0] = 0.0
-    g.boresight_covariance[ATTITUDE + 2, 0] = -g.boresight_variance
+        c.cov.boresight[i, 0] = 0.0
+    c.cov.boresight[ATTITUDE + 2, 0] = -g.boresight_variance
     add_variance(c, ATTITUDE + 2, g.boresight_variance)
 
 
@@ -80,7 +80,7 @@ def propagate_boresight(p: Parameters, c: Core, transition: Transition) -> None:
     """C and M over the interval of a transition."""
     g = c.heading_aid
     if g.boresight_variance > 0.0 and c.alignment.mode == NAVIGATING:
-        apply_transition(g.boresight_covariance, 1, transition)
+        apply_transition(c.cov.boresight, 1, transition)
         g.boresight_variance += p.tuning.heading_boresight_psd * transition.interval
 
 
@@ -90,7 +90,7 @@ def covariance_with_boresight(c: Core, length: int, axis: int) -> float:
     g = c.heading_aid
     e = g.boresight_variance if axis == COMPASS_AXIS else 0.0
     for k in range(length):
-        e += c.scratch.values[k] * g.boresight_covariance[c.scratch.columns[k], 0]
+        e += c.scratch.values[k] * c.cov.boresight[c.scratch.columns[k], 0]
     return float(e)
 
 
@@ -99,7 +99,7 @@ def add_boresight(c: Core, length: int) -> float:
     """Add C of a heading to P h in scratch.d; returns what the boresight adds to the heading's variance."""
     g = c.heading_aid
     for i in range(STATES):
-        c.scratch.d[i] += g.boresight_covariance[i, 0]
+        c.scratch.d[i] += c.cov.boresight[i, 0]
     return float(2.0 * covariance_with_boresight(c, length, COMPASS_AXIS) - g.boresight_variance)
 
 
@@ -111,5 +111,5 @@ def update_boresight(c: Core, z: float, s: float, e: float) -> None:
         return
     g.boresight += e / s * z
     for i in range(STATES):
-        g.boresight_covariance[i, 0] -= e / s * c.scratch.d[i]
+        c.cov.boresight[i, 0] -= e / s * c.scratch.d[i]
     g.boresight_variance = max(g.boresight_variance - e * e / s, 1e-12)

@@ -89,6 +89,7 @@ class Imu:
 
 class Covariance:
     P: Floats
+    boresight: Tensor
 
 
 class Stationarity:
@@ -347,7 +348,6 @@ class HeadingAid:
     turn_shown: float
     last_turn: Reals
     turn_products: Reals
-    boresight_covariance: Tensor
 
 
 class Magnetometer:

@@ -22,9 +22,9 @@ TUNABLES = (
     Tunable("heading_turn_s", 3.0, "s", "Interval of the turns that are compared.", "Longer than a heading is late."),
     Tunable("heading_turn_step_s", 0.35, "s", "Longest time between headings that are compared.", "4 Hz and more."),
     Tunable("heading_turn_memory", 20.0, "intervals", "Intervals that are summed.", "Choice: a minute."),
-    Tunable("min_heading_turn", 0.3, "rad", "Least root of the sum of squared changes that tells.", "Choice."),
-    Tunable("min_turn_count", 4, "intervals", "Least number of intervals.", "Choice: one may have a jump."),
-    Tunable("min_turn_ratio", 0.3, "", "Headings that turn by a smaller share are wrong.", "Iron: half."),
+    Tunable("min_heading_turn", 0.2, "rad", "Least root of the sum of squared changes that tells.", "Choice."),
+    Tunable("min_turn_count", 3, "intervals", "Least number of intervals.", "Choice: one may have a jump."),
+    Tunable("min_turn_ratio", 0.4, "", "Headings that turn by a smaller share are wrong.", "Iron: half."),
     Tunable("turn_ratio_sigmas", 3.0, "", "Sigmas by which it must be smaller.", "Choice."),
 )
 

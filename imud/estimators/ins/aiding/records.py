@@ -127,7 +127,6 @@ HEADING_AID = np.dtype(
         ("turn_shown", "<f8"),  # rad, of the headings
         ("last_turn", "<f8", (2,)),  # rad, of the interval before: of the gyros, of the headings
         ("turn_products", "<f8", (3,)),  # rad^2, rad^2, rad^4: sums of x^2, x y, and of x^2 times the variance of y
-        ("boresight_covariance", "<f8", (STATES, 1)),  # rad times unit, with the error states
     ],
     align=True,
 )

@@ -6,7 +6,7 @@ offset d from the true ones, and the estimate, which began with them or follows 
     w = -1 at the heading at the onset, if the compass or the user gave the heading, else 0,
     w <- T w (T: the transition matrix),    w <- w - K (h w + B v) at an update, B = 1 of a heading, else 0,
 
-and the boresight, whose error is v d from v = 1 on (`aiding.heading_boresight`), by v <- v - (e / s) (h w + B v). The
+and the boresight, whose error is v d from v = 1 on (`heading_boresight`), by v <- v - (e / s) (h w + B v). The
 innovation z, of variance s, of a fix has the mean h w d. Least squares over the innovations of the last
 `compass_offset_memory_s`, used or not, gives d, and its chi-square is compared with a threshold (generalized likelihood
 ratio, GLR), divided by the mean square of the residuals where that is above 1. A heading is confirmed once d is known

@@ -87,8 +87,9 @@ def propagate_boresight(p: Parameters, c: Core, transition: Transition) -> None:
 @kernel
 def covariance_with_boresight(c: Core, length: int, axis: int) -> float:
     """e, of the boresight with the innovation; axis: see `fusion.fuse`, the Jacobian has `length` elements."""
-    g = c.heading_aid
-    e = g.boresight_variance if axis == COMPASS_AXIS else 0.0
+    if c.heading_aid.boresight_variance == 0.0:
+        return 0.0
+    e = c.heading_aid.boresight_variance if axis == COMPASS_AXIS else 0.0
     for k in range(length):
         e += c.scratch.values[k] * c.cov.boresight[c.scratch.columns[k], 0]
     return float(e)

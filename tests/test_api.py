@@ -148,6 +148,23 @@ def test_what_is_printed_of_a_solution_is_one_line():
     assert repr(solution) == f"{said}{len(solution.innovation_records)} innovations, ned-frd>"
 
 
+def test_what_the_filter_estimates_beside_its_solution(drive):
+    (t, gyro, accel), fixes = drive
+    stepped = imud.NavigationFilter(rate_hz=RATE_HZ)
+    assert stepped.filter_states() == {}
+    stepped.step(t[:300], gyro[:300], accel[:300])
+    assert "heading_boresight_deg" not in stepped.filter_states()
+    for k in range(300, N, 50):
+        row = {name: values[np.searchsorted(fixes["t_s"], t[k]) - 1] for name, values in fixes.items()}
+        stepped.fix(**row)
+        stepped.aid("heading", t_s=t[k - 1], heading_deg=45.0, sigma_deg=1.0)
+        solution = stepped.step(t[k : k + 50], gyro[k : k + 50], accel[k : k + 50])
+    found = stepped.filter_states()
+    assert found["cov_pn_pn"] ** 0.5 == pytest.approx(solution.sigma_position_m[-1, 0])
+    assert 0.0 < found["sheading_boresight_deg"] < 3.0
+    assert {"time_offset_s", "stime_offset_s", "heading_boresight_deg", "age_heading_s"} <= set(found)
+
+
 def test_heading_as_an_aiding_source(drive):
     imu, fixes = drive
     compass = {"t_s": imu[0][::20], "heading_deg": np.full(N // 20, 123.0), "sigma_deg": np.full(N // 20, 1.0)}
@@ -216,9 +233,11 @@ _PUBLIC = {
     "read": "paths",
     "AttitudeFilter": _FILTER,
     "AttitudeFilter.estimator": "",
+    "AttitudeFilter.filter_states": "self",
     "AttitudeFilter.step": "self t gyro accel temperature=None",
     "NavigationFilter": _FILTER,
     "NavigationFilter.estimator": "",
+    "NavigationFilter.filter_states": "self",
     "NavigationFilter.step": "self t gyro accel temperature=None",
     "NavigationFilter.aid": "self source **columns",
     "NavigationFilter.fix": "self **columns",

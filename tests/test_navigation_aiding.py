@@ -6,7 +6,7 @@ import numpy as np
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.batch import play
-from imud.configuration.settings import Initial, Settings
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import HEADING, HEADING_SOURCE, HEADING_VALID, MEASUREMENT, SOLUTION
@@ -29,6 +29,10 @@ def headings(d, rng, every_s=0.2, late_s=0.0, sigma=SIGMA):
     rows["kind"], rows["sigma"] = HEADING_SOURCE, np.nan
     rows["value"][:, 0], rows["sigma"][:, 0] = yaw + sigma * rng.standard_normal(len(t)), sigma
     return rows
+
+
+# a boresight that is known: of an unknown one the heading is the fixes', which depend on the snapshots
+KNOWN = Settings(navigation=Navigation(tuning={"heading_boresight_sigma": 1e-5}))
 
 
 def live(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value
@@ -106,8 +110,8 @@ def test_measurements_in_any_order_within_the_horizon_give_what_those_in_order_g
     in_order = headings(d, rng, late_s=0.02)[:-10]  # 2 s before the end all have come, late or not
     shuffled = in_order.copy()
     shuffled["arrival_ns"] += (1.5e9 * np.random.default_rng(3).random(len(shuffled))).astype(np.int64)
-    prompt, _ = estimated(samples, fixes, in_order)
-    late, innovations = estimated(samples, fixes, shuffled)
+    prompt, _ = estimated(samples, fixes, in_order, KNOWN)
+    late, innovations = estimated(samples, fixes, shuffled, KNOWN)
     assert innovations["used"].all() and len(innovations) > 200
     assert (np.diff(innovations["t_ns"]) < 0).any()
     assert apart(late[-1:], prompt[-1:]) < 0.3
@@ -120,8 +124,8 @@ def test_one_late_measurement_is_fused_at_its_epoch_with_the_fixes_after_it_fuse
     one = headings(d, rng, late_s=0.02)[200:201]
     late = one.copy()
     late["arrival_ns"] += 1_800_000_000
-    first, _ = estimated(samples, fixes, one)
-    second, innovations = estimated(samples, fixes, late)
+    first, _ = estimated(samples, fixes, one, KNOWN)
+    second, innovations = estimated(samples, fixes, late, KNOWN)
     assert innovations["used"].all() and len(innovations) == 1
     after = d.t > late["arrival_ns"][0] * 1e-9 - 99.98
     assert apart(second[after], first[after]) < 0.1

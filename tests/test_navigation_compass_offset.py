@@ -18,14 +18,16 @@ from imud.estimators.records import HEADING_VALID
 D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
 FREE = Settings(navigation=Navigation(vehicle="free"))
+KNOWN = Settings(navigation=Navigation(vehicle="free", tuning={"heading_boresight_sigma": 1e-5}))
 
 
-def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0):
+def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0):
     """(the filter's core, its solutions) after a drive with a compass that is off by `wrong`, rad, from begin_s on."""
     rng = np.random.default_rng(2)
     samples, fixes = sensed(D, rng), received(D, rng, late=0.1, sigma=1.2)
     rows = headings(D, rng, sigma=SIGMA)
     rows["value"][rows["t_ns"] * 1e-9 - 100.0 >= begin_s, 0] += wrong
+    rows["value"][:, 0] = np.mod(rows["value"][:, 0], 2.0 * np.pi) * in_units
     filter_ = new_filter("navigation", samples, settings)
     end_ns, blocks = int(1e9 * (100.0 + seconds)), []
     fixes, rows = fixes[fixes["arrival_ns"] < end_ns], rows[rows["arrival_ns"] < end_ns]
@@ -34,10 +36,20 @@ def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0):
     return filter_.state["core"][0, 0].copy(), np.concatenate(blocks)
 
 
+@pytest.mark.parametrize("settings", [FREE, KNOWN])
+def test_the_effect_of_an_offset_on_the_boresight_is_predicted(settings):
+    off = np.radians(1e-3)
+    core, changed = (run(20.0, wrong, settings)[0] for wrong in (0.0, off))
+    found = (changed["heading_aid"]["boresight"] - core["heading_aid"]["boresight"]) / off
+    v = core["compass_offset"]["boresight_sensitivity"]
+    assert 1.0 - v == pytest.approx(found, abs=0.05)
+    assert v < 0.5 if settings is FREE else v > 0.99
+
+
 def test_the_effect_of_an_offset_is_predicted():
     """Against the difference of two runs, one with a compass that is off by a thousandth of a degree."""
     off = np.radians(1e-3)
-    core, changed = run(60.0)[0], run(60.0, off)[0]
+    core, changed = run(60.0, 0.0, KNOWN)[0], run(60.0, off, KNOWN)[0]
     v = core["faults"]["sensitivity"][:, COMPASS_FAULT]
     turned = (yaw_of(changed) - yaw_of(core)) / off
     assert 0.05 < v[ATTITUDE + 2] < 1.0
@@ -61,7 +73,27 @@ def test_a_right_compass_is_used_to_the_end_and_its_heading_valid_from_the_first
     assert np.all(out["status"][2 * RATE :] & HEADING_VALID)
 
 
-@pytest.mark.parametrize("deg", [10.0, 25.0, 180.0])
+@pytest.mark.parametrize("deg", [-4.0, 0.0, 2.0, 10.0])
+def test_its_boresight_is_estimated(deg):
+    """10 deg is three sigmas of what is expected of one; before the vehicle moves it is part of the yaw's sigma."""
+    aid = run(9.0, np.radians(deg))[0]["heading_aid"]
+    out = run(9.0, np.radians(deg))[1][-1]
+    assert aid["boresight"] == pytest.approx(0.0, abs=np.radians(0.5))
+    assert np.degrees(out["sigma_rpy"][2]) == pytest.approx(3.0, abs=0.3)
+    aid = run(88.0, np.radians(deg))[0]["heading_aid"]
+    sigma = np.sqrt(aid["boresight_variance"])
+    assert sigma < np.radians(0.7) and not aid["distrusted"]
+    assert aid["boresight"] == pytest.approx(np.radians(deg), abs=4.0 * sigma)
+
+
+def test_headings_that_do_not_turn_with_the_gyros_are_found():
+    """Radians for degrees, on a boat: its gyros' biases would follow the compass for minutes."""
+    core, _ = run(60.0, in_units=1.0 / 57.3)
+    assert core["heading_aid"]["distrusted"]
+    assert not run(60.0)[0]["heading_aid"]["distrusted"]
+
+
+@pytest.mark.parametrize("deg", [25.0, 180.0])
 def test_a_wrong_one_is_found_within_seconds_of_motion(deg):
     core, _ = run(40.0, np.radians(deg))
     assert core["heading_aid"]["distrusted"]

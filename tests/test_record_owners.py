@@ -14,12 +14,13 @@ SHARED = {
     "nav": {"mechanization.py", "error_model.py", "ekf.py"},
     "cov": {"error_model.py", "ekf.py"},
 }
-BEGUN_ANEW = {  # nominal states of one measurement or constraint, whose file may set them to zero or as given
+BEGUN_ANEW = {  # states of one measurement or constraint, whose file may set them to zero or as given
     ("nav", "gnss_bias"): "aiding/gnss_noise.py",
     ("nav", "gnss_lever_arm"): "aiding/gnss_noise.py",
     ("nav", "time_offset"): "aiding/gnss_time.py",
     ("nav", "velocity_time_offset"): "aiding/gnss_time.py",
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",
+    ("cov", "boresight"): "heading_boresight.py",  # of a state outside P
 }
 CORE = "cs"  # what the functions call the state that the records belong to
 # kernels of imud.math.kalman that write their first argument

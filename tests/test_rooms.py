@@ -88,6 +88,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         for name in (
             "process_noise",
             "integrity/fault_sensitivity",
+            "heading_boresight",
             "integrity/gnss_drift",
             "integrity/reset_inflation",
             "integrity/time_offset_step",

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import UsageError
 from ..estimators import registry
+from ..estimators.filter_states import cells
 from ..estimators.records import INNOVATION, SOLUTION
 from ..math.arrays import Records
 from ..pipeline import PENDING_MAX, Filter
@@ -84,6 +85,16 @@ class AttitudeFilter:
             self._filter.run(samples[part], out[part])
             self._waiting.append(self._filter.pending_innovations().copy())
         return self._solution(out)
+
+    def filter_states(self) -> dict[str, float]:
+        """What the filter estimates beside its newest solution, and with an `s` in front its sigma: time offset, lever
+        arm, mounting, scale factors, errors of other sources, the covariance of position, velocity and attitude.
+
+        Names and units are those of the columns of `states.csv`; in NED and FRD always.
+        What is not estimated is not in it.
+        """
+        columns = cells(self._filter.filter_states())
+        return {name: float(column[0]) for name, column in columns.items() if len(column)}
 
     def _solution(self, out: Records) -> Solution:
         innovations, self._waiting = np.concatenate([np.zeros(0, INNOVATION), *self._waiting]), []

@@ -191,7 +191,11 @@ def _use(source: Table) -> str:
 
 def _estimates(source: Table) -> Iterator[str]:
     """What the filter has found out of a source."""
-    forms = (("scale", "sscale", "scale {:.4f} ± {:.1g}"), ("offset_m", "soffset_m", "offset {:+.1f} ± {:.1g} m"))
+    forms = (
+        ("scale", "sscale", "scale {:.4f} ± {:.1g}"),
+        ("offset_m", "soffset_m", "offset {:+.1f} ± {:.1g} m"),
+        ("boresight_deg", "sboresight_deg", "boresight {:+.1f} ± {:.1g}°"),
+    )
     texts = [form.format(source[key], source[sigma]) for key, sigma, form in forms if key in source]
     if "late_s" in source:
         texts.append(f"late by {source['late_s']:.2f} s")

@@ -87,6 +87,13 @@ _KINDS: tuple[tuple[str, str, tuple[str, ...], str, str], ...] = (  # the place 
         "by which the accelerometer's reading is too large, as a share of it",
     ),
     ("sensor", "accel_delay", ("",), "s", "of the accelerometer behind the gyro"),
+    (
+        "aiding",
+        "heading_boresight",
+        ("",),
+        "rad",
+        "by which headings are too large, beyond the settings",
+    ),
 )
 STATES = tuple(
     FilterState(group, kind, part, unit, about) for group, kind, parts, unit, about in _KINDS for part in parts

@@ -103,7 +103,13 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
     align=True,
 )
 
-COVARIANCE = np.dtype([("P", "<f8", (STATES * (STATES + 1) // 2,))], align=True)  # packed upper triangle
+COVARIANCE = np.dtype(
+    [
+        ("P", "<f8", (STATES * (STATES + 1) // 2,)),  # packed upper triangle
+        ("boresight", "<f8", (STATES, 1)),  # of the error states with the boresight of the heading source
+    ],
+    align=True,
+)
 
 STATIONARITY = np.dtype(
     [

@@ -98,18 +98,23 @@ def add_covariance(c: Core, i: int, k: int, q: float) -> None:
 def decorrelate(c: Core, i: int, variance: float) -> None:
     """Make error state i independent of the others, with `variance`."""
     reset(c.cov.P, STATES, i, variance)
+    c.cov.boresight[i, 0] = 0.0
 
 
 @kernel
 def combine(c: Core, i: int, k: int, a: float) -> None:
     """Error state i gains `a` times error state k."""
     shear(c.cov.P, STATES, i, k, a)
+    u = c.cov.boresight
+    u[i, 0] += a * u[k, 0]
 
 
 @kernel
 def combine3(c: Core, i: int, k: int, a: float, b: float, d: float) -> None:
     """Error state i gains a, b, d times the error states k, k + 1, k + 2."""
     shear3(c.cov.P, STATES, i, k, a, b, d)
+    u = c.cov.boresight
+    u[i, 0] += a * u[k, 0] + b * u[k + 1, 0] + d * u[k + 2, 0]
 
 
 @kernel

@@ -28,10 +28,10 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel, unrolled
 from ...math.earth import STANDARD_GRAVITY
-from ...math.kalman import reset, scale, shear, shear33
+from ...math.kalman import scale, shear, shear33
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import add_variance, exponential
+from .ekf import add_variance, decorrelate, exponential
 from .mechanization import rotate_attitude, rotation_matrix
 from .noise_density import attitude_psd, velocity_psd
 from .state import (
@@ -161,7 +161,7 @@ def reset_gyro_scale(p: Parameters, c: Core) -> None:
     """Make gyro_scale independent of the other error states, with the sigmas of the profile."""
     for k in range(9):
         sigma = p.gyro_scale if k % 4 == 0 else p.gyro_misalignment
-        reset(c.cov.P, STATES, GYRO_SCALE + k, sigma**2)
+        decorrelate(c, GYRO_SCALE + k, sigma**2)
 
 
 @kernel

@@ -68,6 +68,9 @@ def filter_states(state: Records) -> Records:
         _fill_mounting(row, c, P)
         _fill_noise(row, c)
         _fill_ages(row, state["source_ages"][0])
+        heading = c["heading_aid"]
+        if heading["boresight_variance"] > 0.0:
+            _set(row, "heading_boresight", heading["boresight"], heading["boresight_variance"])
     return rows
 
 

@@ -22,7 +22,8 @@ from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
-from .integrity.compass_offset import add_to_compass_offset
+from .heading_boresight import add_boresight, covariance_with_boresight, propagate_boresight, update_boresight
+from .integrity.compass_offset import add_to_compass_offset, update_boresight_sensitivity
 from .integrity.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
 from .integrity.gnss_drift import BY_WHEELS, add_to_drift
 from .integrity.gyro_bias_step import add_to_gyro_bias_step
@@ -31,7 +32,7 @@ from .integrity.time_offset_step import add_to_time_offset_step
 from .integrity.velocity_drift import add_to_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import NAVIGATING, VELOCITY
+from .state import COMPASS_AXIS, NAVIGATING, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -51,6 +52,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
     propagate_sensitivities(c, transition)
+    propagate_boresight(p, c, transition)
     propagate_learning(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
@@ -61,11 +63,15 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
     What faults add to the innovation is in scratch, too (`predict_innovations`).
-    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading; -1 anything else.
+    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading, -3 one of the heading
+    source; -1 anything else.
     """
     compute_gain(c, s)
+    e = covariance_with_boresight(c, length, axis)
     add_to_drift(c, z, s, axis)
     update_sensitivities(c)
+    update_boresight_sensitivity(c, s, e)
+    update_boresight(c, z, s, e)
     update_learning(c, length, z, s)
     apply_gain(c, z)
 
@@ -91,6 +97,8 @@ def correlated_update(
     """
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
     predict_innovations(c, length, axis)
+    if axis == COMPASS_AXIS:
+        s += add_boresight(c, length)
     return test_and_fuse(c, length, z, s, shared, gate, axis)
 
 

@@ -31,6 +31,7 @@ from .integrity.compass_offset import (
     correct_compass_offset,
     explained_by_compass_offset,
     find_compass_offset,
+    fixes_contradict_heading,
     is_unconfirmed,
 )
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
@@ -98,7 +99,7 @@ def check_given_heading(p: Parameters, c: Core) -> bool:
     """Whether a compass or the user gave a wrong heading. False: it is wrong, and has to be found anew."""
     offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
     if offset == 0.0:
-        return True
+        return c.alignment.mode != NAVIGATING or not fixes_contradict_heading(p, c)
     if not correct_compass_offset(p, c, offset):
         return False
     correct_state(p, c)

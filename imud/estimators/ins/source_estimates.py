@@ -39,6 +39,12 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
         ODOMETER_SOURCE: {"scale": round(1.0 + float(c["nav"]["odometer_scale"]), 5), "sscale": sigma(ODOMETER_SCALE)},
         BAROMETER_SOURCE: {"offset_m": float(c["nav"]["baro_offset"]), "soffset_m": sigma(BARO_OFFSET)},
     }
+    heading = c["heading_aid"]
+    if heading["boresight_variance"] > 0.0:
+        found[HEADING_SOURCE] = {
+            "boresight_deg": math.degrees(heading["boresight"]),
+            "sboresight_deg": math.degrees(math.sqrt(heading["boresight_variance"])),
+        }
     for kind, (record, key, wrong, text) in _FINDINGS.items():
         if c[record][key] == wrong:
             found.setdefault(kind, {})["finding"] = text

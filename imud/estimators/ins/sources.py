@@ -22,6 +22,7 @@ from .aiding import (
     external_pose,
     external_velocity,
     heading,
+    heading_turns,
     magnetometer,
     odometer,
     odometer_faults,
@@ -31,13 +32,14 @@ from .aiding import (
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
-from .aiding.heading import contradicts_itself, distrust_compass, fuse_heading, sigma_of
+from .aiding.heading import check_turns, contradicts_itself, distrust_compass, fuse_heading, heading_of, sigma_of
 from .aiding.magnetometer import fuse_magnetometer
 from .aiding.odometer import fuse_odometer
 from .alignment.external_heading import align_with_heading
 from .alignment.external_pose import align_with_pose
 from .alignment.magnetic_heading import align_with_field
-from .alignment.modes import HEADING_LOST, change_mode
+from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
+from .heading_boresight import begin_boresight, share_boresight
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ SOURCES = (
 )
 TUNABLES = (
     *heading.TUNABLES,
+    *heading_turns.TUNABLES,
     *source_age.TUNABLES,
     *odometer.TUNABLES,
     *odometer_faults.TUNABLES,
@@ -78,11 +81,15 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
         if contradicts_itself(p, c, m):
             distrust_compass(c)
             change_mode(p, c, HEADING_LOST)
+        elif check_turns(p, c):
+            change_mode(p, c, HEADING_WRONG)
         return rows
     if (
         m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
     ):  # coarse alignment: the heading has an arbitrary origin, which this replaces
-        align_with_heading(p, c, m.value[0] - p.heading_boresight, sigma_of(p, m))
+        begin_boresight(p, c)
+        if align_with_heading(p, c, heading_of(p, c, m), sigma_of(p, m)):
+            share_boresight(c)
     if m.kind == BAROMETER_SOURCE:
         return fuse_barometer(p, c, m, innovations)
     if m.kind == ODOMETER_SOURCE and c.alignment.mode == NAVIGATING:

@@ -31,7 +31,7 @@ COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
 
 VELOCITY_AXIS = 2  # axis of an update: 0 a GNSS position north, 1 east, 2 and 3 its velocity, -1 anything else
-HEADING_AXIS = -2  # but a heading
+HEADING_AXIS, COMPASS_AXIS = -2, -3  # but a heading, and one of the heading source
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 VECTORS = 12  # pairs of vectors kept, from which roll and pitch are found in motion
 NEVER_NS = -(1 << 62)  # a time before all others

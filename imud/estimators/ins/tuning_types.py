@@ -13,6 +13,8 @@ class Tuning:
     nhc_lever_arm_psd: float
     min_scaled_turn: float
     gyro_scale_psd: float
+    heading_boresight_sigma: float
+    heading_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
     second_order_time_s: float
@@ -270,6 +272,7 @@ class Tuning:
     confirmed_offset: float
     confirmed_residual: float
     compass_offset_residual: float
+    contradicted_residual: float
     confirming_fixes: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float
@@ -304,6 +307,13 @@ class Tuning:
     heading_agreement: float
     heading_trust_s: float
     heading_min_level: float
+    heading_turn_s: float
+    heading_turn_step_s: float
+    heading_turn_memory: float
+    min_heading_turn: float
+    min_turn_count: int
+    min_turn_ratio: float
+    turn_ratio_sigmas: float
     age_interval_s: float
     age_mean_s: float
     age_correlation_s: float

@@ -90,6 +90,7 @@ class Imu:
 
 class Covariance:
     P: Floats
+    boresight: Tensor
 
 
 class Stationarity:
@@ -274,6 +275,7 @@ class CompassOffset:
     vector: float
     energy: float
     count: float
+    boresight_sensitivity: float
     heading_variance: float
 
 
@@ -360,6 +362,16 @@ class HeadingAid:
     last_used_ns: int
     distrusted: int
     agreeing_ns: int
+    boresight: float
+    boresight_variance: float
+    turn_ns: int
+    turn_count: int
+    turn_heading: float
+    turn_rate: float
+    turn: float
+    turn_shown: float
+    last_turn: Reals
+    turn_products: Reals
 
 
 class Magnetometer:

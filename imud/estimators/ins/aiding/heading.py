@@ -21,9 +21,11 @@ from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
+from ..heading_boresight import begin_boresight, forget_boresight
 from ..integrity.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
-from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
+from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
+from .heading_turns import add_heading_turn, forget_turns, turns_differently
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -76,6 +78,12 @@ def sigma_of(p: Parameters, m: Measurement) -> float:
 
 
 @kernel
+def heading_of(p: Parameters, c: Core, m: Measurement) -> float:
+    """The heading of the vehicle, rad, with the boresight of the settings and what is estimated beyond it."""
+    return float(m.value[0] - p.heading_boresight - c.heading_aid.boresight)
+
+
+@kernel
 def headings_per_error(p: Parameters, c: Core, m: Measurement) -> float:
     """How many headings, as often as they come, share one error; 1 where they come seldom."""
     g = c.heading_aid
@@ -91,6 +99,8 @@ def distrust_compass(c: Core) -> None:
         c.heading_aid.distrusted = 1
         c.heading_aid.agreeing_ns = NEVER_NS
     close_compass_offset(c)
+    forget_boresight(c)
+    forget_turns(c)
 
 
 @kernel
@@ -105,6 +115,16 @@ def contradicts_itself(p: Parameters, c: Core, m: Measurement) -> bool:
     """Whether a compass gave the heading, motion has not confirmed it, and its headings have been rejected for long."""
     rejected_s = 1e-9 * (m.t_ns - max(c.heading_aid.last_used_ns, c.compass_offset.onset_ns))
     return bool(is_unconfirmed(c) and rejected_s > p.tuning.heading_reject_s)
+
+
+@kernel
+def check_turns(p: Parameters, c: Core) -> bool:
+    """Whether headings that do not turn with the gyros gave the heading; they are not used any more."""
+    if c.heading_aid.distrusted or not turns_differently(p, c):
+        return False
+    gave_it = is_unconfirmed(c)
+    distrust_compass(c)
+    return gave_it
 
 
 @kernel
@@ -138,19 +158,22 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     length = yaw_jacobian(c, 0, x, y, z)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    z = wrap_angle(m.value[0] - p.heading_boresight - elementary.atan2(y, x) - rate * ahead_s)
+    z = wrap_angle(heading_of(p, c, m) - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
+    add_heading_turn(p, c, m.t_ns, m.value[0], rate, r)
     others = headings_per_error(p, c, m) - 1.0
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
-        s = innovation_variance(c, length) + r + timing
+        s = innovation_variance(c, length) + r + timing + p.tuning.heading_boresight_sigma**2
         check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
         gate = REJECT
     elif c.compass_offset.onset_ns == NEVER_NS:
         open_compass_offset(c, False)
+    if not c.heading_aid.distrusted:
+        begin_boresight(p, c)
     shared = others * (r + rate * rate * c.scratch.age_variance)
-    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, HEADING_AXIS)
+    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, COMPASS_AXIS)
     used = nis >= 0.0
     if used:
         correct_state(p, c)

@@ -117,6 +117,16 @@ HEADING_AID = np.dtype(
         ("last_used_ns", "<i8"),  # and of the last that was used
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading that was fused from it
         ("agreeing_ns", "<i8"),  # since when it has agreed again
+        ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
+        ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
+        ("turn_ns", "<i8"),  # when the interval began whose turn is compared
+        ("turn_count", "<i8"),  # intervals before it
+        ("turn_heading", "<f8"),  # rad, the last heading
+        ("turn_rate", "<f8"),  # rad/s, of the yaw, then
+        ("turn", "<f8"),  # rad, of the gyros since turn_ns
+        ("turn_shown", "<f8"),  # rad, of the headings
+        ("last_turn", "<f8", (2,)),  # rad, of the interval before: of the gyros, of the headings
+        ("turn_products", "<f8", (3,)),  # rad^2, rad^2, rad^4: sums of x^2, x y, and of x^2 times the variance of y
     ],
     align=True,
 )

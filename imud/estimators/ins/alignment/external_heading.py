@@ -20,13 +20,17 @@ if TYPE_CHECKING:
 
 
 @kernel
-def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> None:
-    """Rotate the level frame to `yaw`, rad, once roll and pitch are known; start navigation if there was a fix."""
+def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> bool:
+    """Rotate the level frame to `yaw`, rad, once roll and pitch are known; start navigation if there was a fix.
+
+    Returns whether it was.
+    """
     x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
-        return
+        return False
     rotate_to_heading(p, c, wrap_angle(yaw - elementary.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:
         change_mode(p, c, HEADING_KNOWN)
     open_compass_offset(c, True)
+    return True

@@ -1,12 +1,12 @@
 """GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that was given.
 
 A compass may be mounted wrong, near iron or in other units, and a user may be mistaken: headings then differ by an
-offset d from the true ones, a fault of `fault_sensitivity`. Least squares over the innovations of the fixes of the last
-`compass_offset_memory_s`, used or not, gives d. Its chi-square is divided by the mean square of the residuals where
-that is above 1. A heading is confirmed once d is known
-to be small and the residuals are as expected. Until then a contradiction is the heading's, not the receiver's: no
-drift or step of its time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) end the
-heading.
+offset d from the true ones, a fault of `fault_sensitivity`, and the error of the boresight (`heading_boresight`) by
+v d, from v = 1 on. Least squares over the innovations of the fixes of the last `compass_offset_memory_s`, used or not,
+gives d. Its chi-square is divided by the mean square of the residuals where that is above 1. A heading is confirmed
+once d is known to be small, or, of a compass, its sigma and what d does to it, and the residuals as expected. Until
+then a contradiction is the heading's, not the receiver's: no drift or step of its time tags is looked for, and few
+rejected velocities (`unconfirmed_velocity_rejects`) or large residuals (`contradicted_residual`) end the heading.
 
 When an offset is detected, the fault is removed. The effect of a large one is not linear, and that of an offset that
 varies, as near iron, is another: the heading then has to be found anew.
@@ -57,7 +57,7 @@ TUNABLES = (
         "confirmed_offset",
         math.radians(5.0),
         "rad",
-        "A heading is confirmed when a larger offset is excluded by two sigmas.",
+        "A heading is confirmed when a larger offset, or what it does to the heading, is excluded by two sigmas.",
         "Choice.",
     ),
     Tunable("confirmed_residual", 3.0, "", "Largest mean NIS of the fixes that confirm a heading.", "Choice."),
@@ -66,6 +66,13 @@ TUNABLES = (
         2.0,
         "",
         "Largest mean NIS that a detected offset leaves where it is constant.",
+        "Choice.",
+    ),
+    Tunable(
+        "contradicted_residual",
+        8.0,
+        "",
+        "Mean NIS of the fixes from which a heading that a compass gave and motion has not confirmed is wrong.",
         "Choice.",
     ),
     Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
@@ -80,6 +87,7 @@ def open_compass_offset(c: Core, given: bool) -> None:
     g.information = g.vector = g.energy = g.count = g.heading_variance = g.turn_variance = 0.0
     open_column(c, COMPASS_FAULT)
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
+    g.boresight_sensitivity = 1.0
 
 
 @kernel
@@ -117,10 +125,29 @@ def add_to_compass_offset(p: Parameters, c: Core, z: float, s: float, axis: int)
 
 
 @kernel
+def update_boresight_sensitivity(c: Core, s: float, e: float) -> None:
+    """v before the scalar update that follows, of variance s; e: covariance of the innovation with the boresight."""
+    g = c.compass_offset
+    if g.onset_ns != NEVER_NS:
+        g.boresight_sensitivity -= c.scratch.fault_innovation[COMPASS_FAULT] / s * e
+
+
+@kernel
 def explained_by_compass_offset(c: Core) -> float:
     """Sum of the normalised innovations squared that an offset explains."""
     g = c.compass_offset
     return g.vector * g.vector / g.information if g.onset_ns != NEVER_NS and g.information > 0.0 else 0.0
+
+
+@kernel
+def fixes_contradict_heading(p: Parameters, c: Core) -> bool:
+    """Whether the innovations of fixes are far too large for a compass's heading that motion has not confirmed.
+
+    A heading that is the wrong way round is no offset whose effect is linear: velocities differ along their changes.
+    """
+    g = c.compass_offset
+    by_compass = g.unconfirmed != 0 and c.heading_aid.boresight_variance > 0.0
+    return bool(by_compass and g.energy > p.tuning.contradicted_residual * max(g.count, p.tuning.confirming_fixes))
 
 
 @kernel
@@ -142,9 +169,13 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     if chi2 > p.tuning.compass_offset_chi2 and abs(d) > p.tuning.min_compass_offset:
         return d
     settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count
-    if settled and variance(c, ATTITUDE + 2) < (0.5 * p.tuning.confirmed_offset) ** 2:
+    shown = settled and variance(c, ATTITUDE + 2) < (0.5 * p.tuning.confirmed_offset) ** 2
+    if shown:
         g.turn_variance = 0.0  # the fixes have shown the heading itself
-    if settled and abs(d) + 2.0 * sigma < p.tuning.confirmed_offset:
+    possible = abs(d) + 2.0 * sigma
+    if c.heading_aid.boresight_variance > 0.0:  # which takes most of an offset
+        possible *= abs(c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT]) if shown else math.inf
+    if settled and possible < p.tuning.confirmed_offset:
         g.unconfirmed = 0
         if c.heading_aid.last_ns == NEVER_NS:  # the user gave it: nothing brings an offset in later
             close_compass_offset(c)

@@ -13,7 +13,7 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | DRIFT_FAULT          | 2           | drift of positions north, east, m/s             | 0                    | time since the onset for a position |
 | TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s             | -1: time offset      | 0                                   |
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
-| COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
+| COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading, less its boresight |
 | VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
 Once a fault is found, x -= V d removes what it has done, and P += sigma^2 V V' states how well d is known.
@@ -30,6 +30,7 @@ from ....compile.jit import kernel, unrolled
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..state import (
+    COMPASS_AXIS,
     COMPASS_FAULT,
     DRIFT_FAULT,
     FAULTS,
@@ -90,8 +91,9 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)
-    elif axis == HEADING_AXIS and c.compass_offset.onset_ns != NEVER_NS:
-        c.scratch.fault_innovation[COMPASS_FAULT] += 1.0
+    elif axis <= HEADING_AXIS and c.compass_offset.onset_ns != NEVER_NS:
+        b = c.compass_offset.boresight_sensitivity if axis == COMPASS_AXIS else 1.0
+        c.scratch.fault_innovation[COMPASS_FAULT] += b
 
 
 @unrolled

@@ -22,6 +22,7 @@ from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
+from .compass_offset import is_unconfirmed
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -90,7 +91,10 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
+        learned_with_it = is_unconfirmed(c) and c.heading_aid.boresight_variance > 0.0
         distrust_compass(c)
+        if learned_with_it:
+            return False
         if sigma < p.tuning.max_start_heading:
             rotate_to_heading(p, c, psi, sigma)
             realign(p, c)

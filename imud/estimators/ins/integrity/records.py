@@ -111,6 +111,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
         ("vector", "<f8"),  # 1/rad, information times offset
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<f8"),  # number of these
+        ("boresight_sensitivity", "<f8"),  # error of the boresight, rad per rad
         ("heading_variance", "<f8"),  # rad^2, beyond P: of an offset that is likely but not detected
     ],
     align=True,

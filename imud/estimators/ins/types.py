@@ -183,7 +183,7 @@ class Integrity:
     unchanged_since_ns: int
     unchanged_estimate: Reals
     frozen: int
-    survey_epochs: int
+    epochs: int
     velocity_reject_count: int
     position_inflation: Reals
     velocity_inflation: Reals

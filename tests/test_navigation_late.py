@@ -5,6 +5,7 @@ import pytest
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_jacobians import record
+from vehicle_simulation import vehicle
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
@@ -99,6 +100,21 @@ def test_the_stamps_of_a_survey_may_be_wrong(stamp):
     assert valid[60 * RATE :].all()
     assert (np.abs(heading[valid]) < np.maximum(np.radians(5.0), 4.0 * out["sigma_rpy"][valid, 2])).all()
     assert state["core"][0, 0]["nav"]["time_offset"] == pytest.approx(stamp, abs=0.005)
+
+
+def test_clocks_that_run_apart_make_no_position_of_rtk_wrong_and_sure():
+    """On a motorway, by 0.15 s to and fro within 200 s. With a constant time offset it is for a fourth of the time."""
+    rng, d = np.random.default_rng(2), vehicle("motorway", 2, 150.0)
+    samples = sensed(d, rng, bg=0.003 * rng.standard_normal(3), ba=0.05 * rng.standard_normal(3))
+    fixes = received(d, rng, every=0.2, late=0.1, sigma=0.01, white=0.015)
+    fixes["sigma"] = (0.02, 0.02, 0.04)
+    apart_s = 0.15 * np.sin(2.0 * np.pi * (fixes["t_ns"] * 1e-9 - 100.0) / 200.0)
+    for name in ("t_ns", "arrival_ns"):
+        fixes[name] += (1e9 * apart_s).astype(np.int64)
+    out = navigate(samples, fixes, settings_of())[0]
+    error = errors(d, out)[0][60 * RATE :, :2]
+    sigma = out["sigma_p"][60 * RATE :, :2]
+    assert not ((np.hypot(*error.T) > 5.0) & (np.hypot(*(error / sigma).T) > 4.0)).any()
 
 
 def test_a_fix_older_than_one_already_fused_is_refused_with_a_record():

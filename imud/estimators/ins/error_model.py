@@ -8,7 +8,8 @@ navigation axes; f is the specific force in body axes, C turns it into navigatio
     phi' = -C (bg + gyro_scale w)
     bg', ba', gyro_scale', mount_yaw', mount_pitch', nhc_lever_arm', odometer_scale', baro_offset' = noise
     gnss_bias' = -gnss_bias / T + noise, gnss_velocity_bias' likewise
-    time_offset' = velocity_time_offset' = 0; their variances have a floor (`gnss_noise`)
+    time_offset' = noise, where positions are of centimetres, else 0
+    velocity_time_offset' = 0; the variances of both have a floor (`gnss_noise`)
 
 Omitted, being below a hundredth of the errors that a MEMS sensor causes in minutes: Coriolis and frame rotation of the
 errors, and the change of gravity and of transport rate with them. Scale factors and misalignments of the gyros are
@@ -46,7 +47,9 @@ from .state import (
     MOUNT_YAW,
     NHC_LEVER_ARM,
     POSITION,
+    REPORTED_EPOCHS,
     STATES,
+    TIME_OFFSET,
     VELOCITY,
 )
 
@@ -108,6 +111,13 @@ TUNABLES = (
         "rad",
         "Least rotation that is corrected for scale factors and misalignments.",
         "Numerics.",
+    ),
+    Tunable(
+        "time_offset_psd",
+        0.001**2,
+        "s",
+        "Random walk of the time offset, with positions of centimetres; the floor of coarser ones is above it.",
+        "1 ms in a second: simulated clocks that run apart by up to 5 ms/s.",
     ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
 )
@@ -262,6 +272,8 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     scale_error[0], scale_error[1], scale_error[2] = gyro_scale_error(c, (rate[0], rate[1], rate[2]))
     for k in range(9):
         add_variance(c, GYRO_SCALE + k, p.tuning.gyro_scale_psd * dt)
+    if c.integrity.epochs == REPORTED_EPOCHS and 0.0 < c.gnss.reported_sigma[0] < p.tuning.survey_sigma:
+        add_variance(c, TIME_OFFSET, p.tuning.time_offset_psd * dt)
     add_variance(c, MOUNT_PITCH, p.tuning.mount_psd * dt)
     add_variance(c, MOUNT_YAW, p.tuning.mount_psd * dt)
     add_variance(c, NHC_LEVER_ARM, p.tuning.nhc_lever_arm_psd * dt)

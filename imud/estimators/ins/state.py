@@ -29,6 +29,11 @@ ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS, GNSS_LEVER_ARM = 32, 33, 34, 37
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
+REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = (
+    0,
+    1,
+    2,
+)  # of fixes: of a receiver at work; of a survey: at first; once they are confirmed
 
 VELOCITY_AXIS = 2  # axis of an update: 0 a GNSS position north, 1 east, 2 and 3 its velocity, -1 anything else
 HEADING_AXIS, COMPASS_AXIS = -2, -3  # but a heading, and one of the heading source

@@ -12,6 +12,7 @@ class Tuning:
     mount_psd: float
     nhc_lever_arm_psd: float
     min_scaled_turn: float
+    time_offset_psd: float
     gyro_scale_psd: float
     heading_boresight_sigma: float
     heading_boresight_psd: float

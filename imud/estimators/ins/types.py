@@ -184,7 +184,7 @@ class Integrity:
     unchanged_since_ns: int
     unchanged_estimate: Reals
     frozen: int
-    survey_epochs: int
+    epochs: int
     velocity_reject_count: int
     velocity_reject_ns: int
     position_inflation: Reals

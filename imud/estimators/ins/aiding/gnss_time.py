@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import decorrelate, standard_deviation
-from ..state import TIME_OFFSET, VELOCITY_TIME_OFFSET
+from ..state import EXACT_EPOCHS, REPORTED_EPOCHS, TIME_OFFSET, UNCONFIRMED_EPOCHS, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -67,10 +67,9 @@ def set_initial_time_offset(p: Parameters, c: Core, fix: Fix, sigma: float) -> N
     An epoch at the assumed latency before the arrival is assumed. A survey's log has no arrival: both times are equal.
     """
     delay = 1e-9 * (fix.arrival_ns - fix.t_ns)
-    c.integrity.survey_epochs = (
-        1 if abs(delay) <= p.tuning.time_tag_tolerance_s and sigma < p.tuning.survey_sigma else 0
-    )
-    if c.integrity.survey_epochs != 0:
+    is_survey = abs(delay) <= p.tuning.time_tag_tolerance_s and sigma < p.tuning.survey_sigma
+    c.integrity.epochs = UNCONFIRMED_EPOCHS if is_survey else REPORTED_EPOCHS
+    if is_survey:
         decorrelate(c, TIME_OFFSET, p.tuning.survey_epoch_sigma**2)
     elif delay > p.tuning.time_tag_tolerance_s and abs(delay - p.assumed_latency) > p.tuning.time_tag_tolerance_s:
         decorrelate(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
@@ -92,6 +91,8 @@ def confirm_survey_epochs(p: Parameters, c: Core) -> None:
     Within one sigma: three would take half of the epochs that are wrong by 30 ms as exact.
     """
     offset, sigma = abs(c.nav.time_offset), standard_deviation(c, TIME_OFFSET)
-    if c.integrity.survey_epochs != 0 and offset + 3.0 * sigma < p.tuning.epoch_mistake_s and offset < sigma:
+    if c.integrity.epochs != UNCONFIRMED_EPOCHS:
+        return
+    if offset + 3.0 * sigma < p.tuning.epoch_mistake_s and offset < sigma:
         set_time_offset(c, 0.0, p.tuning.confirmed_epoch_sigma**2)
-        c.integrity.survey_epochs = 0
+        c.integrity.epochs = EXACT_EPOCHS

@@ -17,7 +17,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("unchanged_since_ns", "<i8"),  # when a fix first had that position
         ("unchanged_estimate", "<f8", (2,)),  # latitude and longitude of the estimate then
         ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
-        ("survey_epochs", "<i8"),  # 1: its epochs are a survey's, not confirmed yet
+        ("epochs", "<i8"),  # REPORTED_EPOCHS, UNCONFIRMED_EPOCHS or EXACT_EPOCHS
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
         ("velocity_reject_ns", "<i8"),  # the first of them
         (

@@ -291,3 +291,10 @@ def contrary_velocity():
     samples, fixes = data(seed=19)
     fixes["course"][between(fixes, 70.0, 95.0)] += 1.6
     return navigated(samples, fixes, HEADED)
+
+
+def false_velocity_from_the_start():
+    """Constant, and not used before the heading; which of the two is wrong is decided after a minute."""
+    samples, fixes = data(seed=51)
+    fixes["speed"], fixes["course"] = 1.5, 0.3
+    return navigated(samples, fixes)

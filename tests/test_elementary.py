@@ -97,7 +97,8 @@ def test_c_numba_and_python_give_the_same_bits(name, in_c):
         word = np.float64(in_c[name](*x)).tobytes()
         assert np.float64(function(*x)).tobytes() == word or math.isnan(in_c[name](*x)), x
         try:
-            python = plain(*x)
+            with np.errstate(invalid="ignore"):  # fmod of infinity is NaN in each of them; numpy warns as well
+                python = plain(*x)
         except (ValueError, ZeroDivisionError, OverflowError):
             continue  # where C gives NaN or infinity, Python may raise
         assert np.float64(python).tobytes() == word or math.isnan(python), x

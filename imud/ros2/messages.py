@@ -99,8 +99,9 @@ def filtered_fix(solutions: Records, unix_ns: Indices) -> Cdr:
     """sensor_msgs/msg/NavSatFix, of rows of SOLUTION: the filter's position of the body."""
     known = solutions["status"] & POSITION_VALID != 0
     height = np.where(solutions["status"] & HEIGHT_VALID != 0, solutions["height"], np.nan)
-    position = np.stack([np.degrees(solutions["lat"]), np.degrees(solutions["lon"]), height], axis=1)
-    position[~known] = np.nan
+    position = np.full((len(solutions), 3), np.nan)  # also where the place holds a signalling NaN, of which numpy warns
+    position[known, 0], position[known, 1] = np.degrees(solutions["lat"][known]), np.degrees(solutions["lon"][known])
+    position[known, 2] = height[known]
     status, kind = np.where(known, _FIX, _NO_FIX), np.where(known, _DIAGONAL_KNOWN, _UNKNOWN)
     return _nav_sat_fix(unix_ns, BODY, status, position, solutions["sigma_p"], kind)
 

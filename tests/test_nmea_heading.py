@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from navigation_simulation import drive, errors, received, sensed
 from nmea_lines import decode, gga, line, rmc
-from test_navigation_aiding import estimated, headings
+from test_navigation_aiding import KNOWN, estimated, headings
 
 from imud.configuration.settings import Gnss
 from imud.drivers.nmea.decoder import NmeaDecoder
@@ -98,7 +98,7 @@ def test_a_heading_whose_error_lasts_is_not_trusted_more_than_it_is_worth():
         d = drive(90.0, rest=45.0)
         rows = headings(d, rng, sigma=1e-9)
         rows["sigma"][:, 0] = sigma
-        out, innovations = estimated(sensed(d, rng), received(d, rng), correlated(rows, d, rng, sigma))
+        out, innovations = estimated(sensed(d, rng), received(d, rng), correlated(rows, d, rng, sigma), KNOWN)
         yaw = errors(d, out)[2][:, 2]
         k = slice(1000, None, 100)
         nees.append(np.mean((yaw[k] / out["sigma_rpy"][k, 2]) ** 2))

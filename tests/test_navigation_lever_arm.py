@@ -129,7 +129,7 @@ def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
             "navigation", samples, Settings(navigation=Navigation(lever_arm_sigma_m=lever_arm_sigma_m))
         )
         replay(filter_, samples, fixes)
-        inertial = SimpleNamespace(stream=SimpleNamespace(filter=filter_))
+        inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=filter_))
         reporter = StatusReporter(SimpleNamespace(selection=SimpleNamespace(inertial=inertial)), ContainedErrors())
         reporter._log = SimpleNamespace(warning=warnings.append)
         for second in range(3):

@@ -85,7 +85,7 @@ def test_a_disk_that_stalls_gets_one_checkpoint_at_a_time(monkeypatch):
     newest = np.zeros(1, SOLUTION)
     newest["sigma_bg"] = newest["sigma_ba"] = 1.0
     filter_ = SimpleNamespace(checkpoint=lambda: b"%d" % len(saved), correction=None)
-    sensor = SimpleNamespace(newest=newest[0], stream=SimpleNamespace(filter=filter_))
+    sensor = SimpleNamespace(newest=newest[0], pipeline=SimpleNamespace(filter=filter_))
     configured, store = ImuConfigured(Identity("epson", ""), 1000.0, 1_000_000, 0, 0), StateStore()
     for second in range(1, 6):
         store.save_when_due(configured, "/dev/imu", sensor, [], second * SECOND)

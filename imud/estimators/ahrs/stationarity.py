@@ -212,6 +212,12 @@ def gravity_is_fixed(p: Parameters, s: State) -> bool:
 
 
 @kernel
+def probability_of_motion(p: Parameters, evidence: float) -> float:
+    """That a rest is even motion; evidence: 1 where it is half as probable as it can be."""
+    return float(p.tuning.even_motion_probability * evidence**4 / (1.0 + evidence**4))
+
+
+@kernel
 def update_hidden_motion(p: Parameters, s: State) -> None:
     """What a rest hides if it is even motion, times the root of the probability that it is.
 
@@ -226,11 +232,11 @@ def update_hidden_motion(p: Parameters, s: State) -> None:
     across2 = max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - along * along * force2, 0.0)
     turn = along - (known[0] * f[0] + known[1] * f[1] + known[2] * f[2]) / force2  # over the force
     turn2 = turn * turn * force2
-    evidence = m.least_force_psd / (c.moving_vibration_ratio**2 * p.accel_psd)
-    evidence += turn2 / (c.turn_ratio**2 * (0.5 * across2 + c.min_bias_sigma_radps**2))
-    probability = c.even_motion_probability * evidence**2 / (1.0 + evidence**2)
-    root = math.sqrt(probability * elementary.exp(-m.since_first_s / c.max_curve_time_s))
-    m.hidden_tilt = root * c.even_acceleration_mps2 / s.nav.gravity
+    shaken = m.least_force_psd / (c.moving_vibration_ratio**2 * p.accel_psd)
+    turning = turn2 / (c.turn_ratio**2 * (0.5 * across2 + c.min_bias_sigma_radps**2))
+    lasting = elementary.exp(-m.since_first_s / c.max_curve_time_s)
+    root = math.sqrt(probability_of_motion(p, shaken + turning) * lasting)
+    m.hidden_tilt = math.sqrt(probability_of_motion(p, shaken) * lasting) * c.even_acceleration_mps2 / s.nav.gravity
     for i in range(3):
         m.hidden_turn[i] = root * turn * f[i]
     turned = root * math.sqrt(turn2) * s.integrals.time

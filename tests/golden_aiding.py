@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from golden_data import RATE, data, navigated, random, road
+from golden_data import RATE, data, navigated, random, road, turned
 from golden_external import external
+from vehicle_simulation import vehicle
 
 from imud.configuration.settings import Aiding, Navigation, Noise, Settings
 from imud.drivers.sample import NO_RATE
@@ -54,6 +55,31 @@ def compass_mounted_wrong():
     rows = headings(d, seed=57)
     rows["value"][:, 0] += np.radians(10.0)
     return replace(navigated(*data(d, seed=58)), measurements=rows)
+
+
+def compass_mounted_wrong_though_known():
+    """By 10 deg, beside a boresight that is stated to be exact: what it has done to the estimate is removed."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(10.0)
+    tuning = {"heading_boresight_sigma": 1e-3}
+    return replace(navigated(*data(d, seed=58), tuning=tuning), measurements=rows)
+
+
+def compass_in_wrong_units_on_the_spot():
+    """Radians taken for degrees: the headings do not turn with the vehicle."""
+    d = turned(road(90.0, rest=1e3), 2.0 * np.sin(0.3 * np.maximum(np.arange(90 * RATE) / RATE - 20.0, 0.0)))
+    rows = headings(d, seed=101)
+    rows["value"][:, 0] = np.radians(np.mod(rows["value"][:, 0], 2.0 * np.pi))
+    return replace(navigated(*data(d, seed=102)), measurements=rows)
+
+
+def compass_turned_round_on_a_boat():
+    """By 180 deg: the alignment contradicts it before motion has confirmed it."""
+    d = vehicle("boat", 11)
+    rows = headings(d, seed=103)
+    rows["value"][:, 0] += np.pi
+    return replace(navigated(*data(d, seed=104)), measurements=rows)
 
 
 def compass_turned_at_rest():

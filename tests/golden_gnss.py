@@ -59,6 +59,12 @@ def slow_drift_against_velocity():
     return navigated(samples, moved(fixes, 80.0, 115.0, 0.0, per_second=2.0), HEADED)
 
 
+def slow_drift_against_velocity_that_lasts():
+    """For longer than positions drift, so that the velocity is taken for the false one."""
+    samples, fixes = data(road(260.0), seed=7)
+    return navigated(samples, moved(fixes, 80.0, 1e9, 0.0, per_second=1.0), HEADED)
+
+
 def slow_drift_parked():
     samples, fixes = data(road(rest=1e3), seed=8)
     return navigated(samples, silent(moved(fixes, 70.0, 110.0, 0.0, per_second=1.0)), HEADED)

@@ -130,7 +130,9 @@ def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
         )
         replay(filter_, samples, fixes)
         inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=filter_))
-        reporter = StatusReporter(SimpleNamespace(selection=SimpleNamespace(inertial=inertial)), ContainedErrors())
+        used = SimpleNamespace(gnss=object())
+        devices = SimpleNamespace(selection=SimpleNamespace(inertial=inertial), in_use=used)
+        reporter = StatusReporter(devices, ContainedErrors())
         reporter._log = SimpleNamespace(warning=warnings.append)
         for second in range(3):
             reporter._warn_if_lever_arm_is_unset(second * 10**9)

@@ -93,7 +93,9 @@ class StatusReporter:
     def _warn_if_lever_arm_is_unset(self, now_ns: int) -> None:
         """Warn, once, of a lever arm that the filter estimates because it is not set."""
         inertial = self._devices.selection.inertial
-        if self._lever_arm_warned or inertial is None or not self._lever_arm_period.is_due(now_ns):
+        if self._lever_arm_warned or inertial is None or self._devices.in_use.gnss is None:
+            return
+        if not self._lever_arm_period.is_due(now_ns):
             return
         if inertial.pipeline.filter.settings.navigation.lever_arm_sigma_m != "auto":
             return

@@ -101,6 +101,9 @@ NOT_NOTICED = {
     "navigation.mag_gate": BETWEEN + "NIS of a disturbed field",
     "navigation.min_events_unknown_rate": BETWEEN + "number of events by which a heading is found",
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
+    "navigation.max_chord_turn": BETWEEN + "turn of north from one fix to the next",
+    "navigation.contradicted_residual": BETWEEN + "mean NIS of fixes with a compass the wrong way round",
+    "navigation.heading_turn_memory": "headings that do not turn are found within few intervals, in all recordings",
 }
 
 

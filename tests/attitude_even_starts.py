@@ -63,12 +63,20 @@ def level_way(rng, speed, turn, upright):
 # bodies: rng, attitude at the start -> body rates, acceleration in NED, vibration in m/s^2
 
 
+def in_curve(rng, upright, speeds, first, later, share, first_s, later_s, vibration):
+    """At one of these speeds: a curve of `first` m/s^2 for `first_s`, then others of `later`, a `share` of the time."""
+    speed = rng.uniform(*speeds)
+
+    def rate(rng, across):
+        return rng.choice([-1.0, 1.0]) * rng.uniform(*across) / speed
+
+    begin = rate(rng, first)
+    turn = steps(rng, begin, rng.uniform(*first_s), lambda rng: rate(rng, later) * (rng.random() < share), later_s)
+    return (*level_way(rng, np.full(len(turn), speed), turn, upright), log_uniform(rng, *vibration))
+
+
 def train_in_curve(rng, upright):
-    speed = rng.uniform(12.0, 40.0)
-    most = lambda rng: rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.9) / speed * (rng.random() < 0.6)  # noqa: E731
-    first = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.9) / speed
-    turn = steps(rng, first, rng.uniform(8.0, 60.0), most, 20.0)
-    return (*level_way(rng, np.full(len(turn), speed), turn, upright), log_uniform(rng, 0.03, 0.3))
+    return in_curve(rng, upright, (12.0, 40.0), (0.1, 0.9), (0.1, 0.9), 0.6, (8.0, 60.0), 20.0, (0.03, 0.3))
 
 
 def train_accelerating(rng, upright):
@@ -78,11 +86,7 @@ def train_accelerating(rng, upright):
 
 
 def car_in_curve(rng, upright):
-    speed = rng.uniform(5.0, 18.0)
-    some = lambda rng: rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 3.0) / speed * (rng.random() < 0.5)  # noqa: E731
-    first = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 2.0) / speed
-    turn = steps(rng, first, rng.uniform(3.0, 20.0), some, 6.0)
-    return (*level_way(rng, np.full(len(turn), speed), turn, upright), log_uniform(rng, 0.05, 0.5))
+    return in_curve(rng, upright, (5.0, 18.0), (0.2, 2.0), (0.2, 3.0), 0.5, (3.0, 20.0), 6.0, (0.05, 0.5))
 
 
 def ship(rng, upright):

@@ -122,9 +122,9 @@ def check_turns(p: Parameters, c: Core) -> bool:
     """Whether headings that do not turn with the gyros gave the heading; they are not used any more."""
     if c.heading_aid.distrusted or not turns_differently(p, c):
         return False
-    gave_it = is_unconfirmed(c)
+    gave_heading = is_unconfirmed(c)
     distrust_compass(c)
-    return gave_it
+    return gave_heading
 
 
 @kernel

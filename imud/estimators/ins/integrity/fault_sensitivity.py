@@ -68,7 +68,11 @@ def all_in_use(c: Core) -> bool:
 
 @kernel
 def propagate_sensitivities(c: Core, transition: Transition) -> None:
-    """V <- T V. During coarse alignment the heading has an arbitrary origin, which a compass does not change."""
+    """V <- T V.
+
+    During coarse alignment only of the columns before COMPASS_FAULT: the heading has an arbitrary origin then, which a
+    compass does not change, and there are no wheels to contradict.
+    """
     if c.alignment.mode != NAVIGATING:
         apply_transition(c.faults.sensitivity, COMPASS_FAULT, transition)
     elif all_in_use(c):

@@ -153,7 +153,7 @@ VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positi
         ("count", "<i8"),  # points since the comparison began
         ("rate", "<f8", (2,)),  # m/s, the discrepancy: rate of the sum
         ("onset_ns", "<i8"),  # since when there is a discrepancy
-        ("verdict", "<i8"),  # AGREES, UNDECIDED, VELOCITY_WRONG
+        ("verdict", "<i8"),  # AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG
     ],
     align=True,
 )

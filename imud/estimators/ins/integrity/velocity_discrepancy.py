@@ -8,9 +8,9 @@ ones find a large discrepancy soon, long ones a small one at all.
 
 Which of the two is wrong? Positions drift no faster and for no longer than `max_drift_speed` and `max_reject_s` say;
 beyond that the velocity is wrong. It is wrong as well where the estimate has rejected it, that is where the inertial
-sensor has not felt it begin. Until one of these decides, either may be wrong: the discrepancy is part of the stated
-velocity, and what it has done since it began of the stated position. A wrong velocity is not used; one that may be
-wrong is used while navigating, but not in coarse alignment, where nothing holds against it.
+sensor has not measured such a change. Until one of these decides, either may be wrong: the discrepancy is part of the
+stated velocity, and what it has done since it began of the stated position. A wrong velocity is not used; one that may
+be wrong is used while navigating, but not in coarse alignment, where nothing holds against it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from ..types import Core, Parameters, VelocityDiscrepancy
 
 CHORDS = (1, 2, 4, 8, 16)  # lengths in points
-AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG = 0, 1, 2, 3  # verdicts; of the third, too, either may be wrong
+# verdicts: of the second and the third either may be wrong; the velocity is used in the first two
+AGREES, UNDECIDED, UNUSED, VELOCITY_WRONG = 0, 1, 2, 3
 TUNABLES = (
     Tunable("chord_step_s", 0.95, "s", "Least time between two points of a chord.", "Receivers of 1 Hz."),
     Tunable("max_chord_step_s", 3.0, "s", "Longest time between two fixes of a chord.", "Choice."),

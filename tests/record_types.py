@@ -12,6 +12,7 @@ from imud.estimators.ahrs import state as ahrs
 from imud.estimators.ins import core, parameters
 from imud.estimators.ins.aiding import records as aiding
 from imud.estimators.ins.alignment import records as alignment
+from imud.estimators.ins.glr_tests import records as glr_tests
 from imud.estimators.ins.integrity import records as integrity
 from imud.estimators.papers import gps_track, stationary, suh
 from imud.estimators.papers.ins9 import state as ins9
@@ -43,14 +44,14 @@ INS = {
     "Gnss": aiding.GNSS,
     "Integrity": integrity.INTEGRITY,
     "ProcessNoise": core.PROCESS_NOISE,
-    "FaultSensitivities": integrity.FAULT_SENSITIVITIES,
-    "Drift": integrity.DRIFT,
-    "VelocityDrift": integrity.VELOCITY_DRIFT,
+    "FaultSensitivities": glr_tests.FAULT_SENSITIVITIES,
+    "Drift": glr_tests.DRIFT,
+    "VelocityDrift": glr_tests.VELOCITY_DRIFT,
     "ChordPoint": integrity.CHORD_POINT,
     "VelocityDiscrepancy": integrity.VELOCITY_DISCREPANCY,
-    "TimeOffsetStep": integrity.TIME_OFFSET_STEP,
-    "CompassOffset": integrity.COMPASS_OFFSET,
-    "GyroBiasStep": integrity.GYRO_BIAS_STEP,
+    "TimeOffsetStep": glr_tests.TIME_OFFSET_STEP,
+    "CompassOffset": glr_tests.COMPASS_OFFSET,
+    "GyroBiasStep": glr_tests.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,
     "ExternalAid": aiding.EXTERNAL_AID,

@@ -8,7 +8,7 @@ from replay_in_process import new_filter, replay
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators.ins.integrity.time_offset_step import detect_time_offset_step
+from imud.estimators.ins.glr_tests.time_offset_step import detect_time_offset_step
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY

@@ -65,39 +65,28 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/clocks", "imud/sensor_errors", "imud/sensor_monitor"),
     ("imud/estimators", "imud/estimators/ahrs", "imud/estimators/papers", "imud/estimators/riss"),
     ("imud/estimators/ins/state.py", "imud/estimators/ins/types.py"),
-    tuple(f"imud/estimators/ins/{folder}/records.py" for folder in ("aiding", "alignment", "integrity")),
+    tuple(f"imud/estimators/ins/{folder}/records.py" for folder in ("aiding", "alignment", "glr_tests", "integrity")),
     ("imud/estimators/ins/core.py",),
     ("imud/estimators/ins/mechanization.py", "imud/estimators/ins/vehicle_axes.py"),
     ("imud/estimators/ins/ekf.py",),
     ("imud/estimators/ins/noise_density.py",),
-    tuple(
-        f"imud/estimators/ins/{name}.py"
-        for name in (
-            "checkpoint",
-            "error_model",
-            "filter_states",
-            "integrity/alternating_receiver",
-            "lever_arm",
-            "setup",
-            "solution",
-            "source_estimates",
-        )
+    (
+        "imud/estimators/ins/checkpoint.py",
+        "imud/estimators/ins/error_model.py",
+        "imud/estimators/ins/filter_states.py",
+        "imud/estimators/ins/integrity/alternating_receiver.py",
+        "imud/estimators/ins/lever_arm.py",
+        "imud/estimators/ins/setup.py",
+        "imud/estimators/ins/solution.py",
+        "imud/estimators/ins/source_estimates.py",
     ),
-    tuple(  # what has to see every step of the Kalman filter
-        f"imud/estimators/ins/{name}.py"
-        for name in (
-            "process_noise",
-            "integrity/fault_sensitivity",
-            "heading_boresight",
-            "integrity/gnss_drift",
-            "integrity/reset_inflation",
-            "integrity/time_offset_step",
-            "integrity/gyro_bias_step",
-            "integrity/velocity_drift",
-            "integrity/compass_offset",
-            "alignment/force_integrals",
-            "alignment/vector_pairs",
-        )
+    (  # what has to see every step of the Kalman filter
+        "imud/estimators/ins/glr_tests",
+        "imud/estimators/ins/process_noise.py",
+        "imud/estimators/ins/heading_boresight.py",
+        "imud/estimators/ins/integrity/reset_inflation.py",
+        "imud/estimators/ins/alignment/force_integrals.py",
+        "imud/estimators/ins/alignment/vector_pairs.py",
     ),
     ("imud/estimators/ins/fusion.py",),
     ("imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),

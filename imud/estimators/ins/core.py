@@ -1,6 +1,6 @@
 """The core of the navigation filter, a record for each concern, and the rings around it; what a rewind restores.
 
-The records of aiding sources, alignment and integrity monitoring are in the files `records` of their folders.
+The records of aiding sources, alignment, GLR tests and integrity monitoring are in `records` of their folders.
 """
 
 import numpy as np
@@ -19,17 +19,15 @@ from .aiding.records import (
     WHEEL_CHECK,
 )
 from .alignment.records import ALIGNMENT, FIX_AGE, HYPOTHESIS_BANK
-from .integrity.records import (
+from .glr_tests.records import (
     COMPASS_OFFSET,
     DRIFT,
     FAULT_SENSITIVITIES,
-    GRAVITY_MONITOR,
     GYRO_BIAS_STEP,
-    INTEGRITY,
     TIME_OFFSET_STEP,
-    VELOCITY_DISCREPANCY,
     VELOCITY_DRIFT,
 )
+from .integrity.records import GRAVITY_MONITOR, INTEGRITY, VELOCITY_DISCREPANCY
 from .state import (
     AIDING_RING,
     BANKS,

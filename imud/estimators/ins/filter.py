@@ -29,8 +29,8 @@ from .fusion_horizon import (
     store_snapshot,
     store_snapshot_if_due,
 )
+from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import fuse_gnss, is_usable, set_noise
-from .integrity.compass_offset import open_compass_offset
 from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
 from .mechanization import set_attitude
 from .propagation import store_first_sample

@@ -22,14 +22,14 @@ from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
+from .glr_tests.compass_offset import add_to_compass_offset, update_boresight_sensitivity
+from .glr_tests.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
+from .glr_tests.gnss_drift import BY_WHEELS, add_to_drift
+from .glr_tests.gyro_bias_step import add_to_gyro_bias_step
+from .glr_tests.time_offset_step import add_to_time_offset_step
+from .glr_tests.velocity_drift import add_to_velocity_drift
 from .heading_boresight import add_boresight, covariance_with_boresight, propagate_boresight, update_boresight
-from .integrity.compass_offset import add_to_compass_offset, update_boresight_sensitivity
-from .integrity.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
-from .integrity.gnss_drift import BY_WHEELS, add_to_drift
-from .integrity.gyro_bias_step import add_to_gyro_bias_step
 from .integrity.reset_inflation import propagate_inflation
-from .integrity.time_offset_step import add_to_time_offset_step
-from .integrity.velocity_drift import add_to_velocity_drift
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import COMPASS_AXIS, NAVIGATING, VELOCITY

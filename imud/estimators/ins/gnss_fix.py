@@ -27,28 +27,28 @@ from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import variance
 from .fusion import correct_state, write_innovation
-from .integrity.compass_offset import (
+from .glr_tests.compass_offset import (
     correct_compass_offset,
     explained_by_compass_offset,
     find_compass_offset,
     fixes_contradict_heading,
     is_unconfirmed,
 )
-from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
-from .integrity.gnss_drift import explained_by_drift
-from .integrity.gyro_bias_step import (
+from .glr_tests.gnss_drift import explained_by_drift
+from .glr_tests.gyro_bias_step import (
     counts_positions,
     detect_gyro_bias_step,
     explained_by_gyro_bias_step,
     reset_gyro_bias_step,
 )
-from .integrity.heading_monitor import monitor_heading
-from .integrity.time_offset_step import (
+from .glr_tests.time_offset_step import (
     detect_time_offset_step,
     explained_by_time_offset_step,
     reset_time_offset_step,
 )
-from .integrity.velocity_drift import detect_velocity_drift
+from .glr_tests.velocity_drift import detect_velocity_drift
+from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
+from .integrity.heading_monitor import monitor_heading
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:

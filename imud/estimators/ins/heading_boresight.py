@@ -12,7 +12,7 @@ and at a scalar update of Jacobian h, and B = 1 for a heading, else 0, with inno
     P <- P - d d' / s,    C <- C - d e / s,    M <- M - e e / s.
 
 That is the Kalman filter of (x, b). Without a heading source M is 0, and nothing of it is computed. A boresight of more
-than some sigmas is no boresight: see `integrity.compass_offset`.
+than some sigmas is no boresight: see `glr_tests.compass_offset`.
 
 Source: Schmidt, Application of state-space methods to navigation problems (1966); Bierman (1977), sec. VIII.
 """

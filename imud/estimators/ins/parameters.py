@@ -59,18 +59,8 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .integrity import (
-    alternating_receiver,
-    compass_offset,
-    frozen_receiver,
-    gnss_drift,
-    gravity_monitor,
-    gyro_bias_step,
-    heading_monitor,
-    time_offset_step,
-    velocity_discrepancy,
-    velocity_drift,
-)
+from .glr_tests import compass_offset, gnss_drift, gyro_bias_step, time_offset_step, velocity_drift
+from .integrity import alternating_receiver, frozen_receiver, gravity_monitor, heading_monitor, velocity_discrepancy
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}

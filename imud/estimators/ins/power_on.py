@@ -20,11 +20,11 @@ from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, decorrelate, variance
-from .integrity.compass_offset import state_turn
-from .integrity.gnss_drift import reset_drift
-from .integrity.gyro_bias_step import reset_gyro_bias_step
-from .integrity.time_offset_step import reset_time_offset_step
-from .integrity.velocity_drift import reset_confirmations
+from .glr_tests.compass_offset import state_turn
+from .glr_tests.gnss_drift import reset_drift
+from .glr_tests.gyro_bias_step import reset_gyro_bias_step
+from .glr_tests.time_offset_step import reset_time_offset_step
+from .glr_tests.velocity_drift import reset_confirmations
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, MOUNT_YAW
 from .stationarity import clear_window, interrupt_rest

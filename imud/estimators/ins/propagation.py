@@ -16,7 +16,7 @@ from .aiding.course_heading import wait_for_course
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_variance
 from .fusion import propagate_errors
-from .integrity.compass_offset import open_compass_offset
+from .glr_tests.compass_offset import open_compass_offset
 from .mechanization import body_to_ned, integrate_strapdown, ned_to_body, set_velocity
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, VELOCITY
 from .stationarity import accumulate_force, clear_window, interrupt_rest

@@ -15,12 +15,12 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
-from ..integrity.compass_offset import is_unconfirmed
-from ..integrity.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
-from ..integrity.gyro_bias_step import reset_gyro_bias_step
+from ..glr_tests.compass_offset import is_unconfirmed
+from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
+from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
+from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.velocity_drift import reset_velocity_drift
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
-from ..integrity.time_offset_step import reset_time_offset_step
-from ..integrity.velocity_drift import reset_velocity_drift
 from ..mechanization import displace
 from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
-from ..integrity.gnss_drift import reset_drift
+from ..glr_tests.gnss_drift import reset_drift
 from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
+from ..glr_tests.gnss_drift import detect_drift
 from ..integrity.alternating_receiver import count_position
-from ..integrity.gnss_drift import detect_drift
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET

@@ -21,8 +21,8 @@ from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
+from ..glr_tests.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
 from ..heading_boresight import begin_boresight, forget_boresight
-from ..integrity.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
 from .heading_turns import add_heading_turn, forget_turns, turns_differently

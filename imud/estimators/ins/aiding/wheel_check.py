@@ -4,7 +4,7 @@ Wheels measure the velocity along the direction of travel, independently of the 
 contradicts the estimate at several fixes, there are two explanations: the receiver drifts, by a constant velocity in
 NED (2 unknowns); or the heading is wrong, which rotates the vehicle's velocity (1 unknown). Least squares decide for
 the one with the smaller residual. On a straight road a drift across the direction of travel has equal residuals in
-both: there `integrity.velocity_drift` decides by what is known of the heading. A receiver that drifts is rejected,
+both: there `glr_tests.velocity_drift` decides by what is known of the heading. A receiver that drifts is rejected,
 positions and velocities, until its velocities refute the drift; across the direction of travel of a vehicle whose
 heading has become uncertain they may agree with both. If meanwhile a wrong heading explains them better than any drift,
 the detection was wrong: it ends, and the heading is as uncertain as that. The position stays as uncertain as the drift
@@ -21,9 +21,9 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
-from ..integrity.compass_offset import is_unconfirmed
-from ..integrity.gnss_drift import BY_WHEELS, clear_detection, declare_drift
-from ..integrity.velocity_drift import count_confirmation, reset_confirmations, reset_velocity_drift, store_drift
+from ..glr_tests.compass_offset import is_unconfirmed
+from ..glr_tests.gnss_drift import BY_WHEELS, clear_detection, declare_drift
+from ..glr_tests.velocity_drift import count_confirmation, reset_confirmations, reset_velocity_drift, store_drift
 from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from ...records import REST_N, REST_X
 from ...tuning import Tunable
 from ..ekf import decorrelate, set_jacobian
 from ..fusion import correct_state, pseudo_measurement
-from ..integrity.gnss_drift import clear_velocity_sensitivity
+from ..glr_tests.gnss_drift import clear_velocity_sensitivity
 from ..mechanization import ned_to_body, set_velocity
 from ..rest import gnss_confirms_rest, max_rest_rate
 from ..state import GYRO_BIAS, NAVIGATING, VELOCITY

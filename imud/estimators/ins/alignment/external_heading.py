@@ -8,7 +8,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ..ekf import decorrelate
-from ..integrity.compass_offset import open_compass_offset
+from ..glr_tests.compass_offset import open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading

@@ -27,11 +27,11 @@ from ..aiding.non_holonomic import reset_nhc
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
-from ..integrity.compass_offset import close_compass_offset
-from ..integrity.gnss_drift import reset_drift
-from ..integrity.gyro_bias_step import reset_gyro_bias_step
-from ..integrity.time_offset_step import reset_time_offset_step
-from ..integrity.velocity_drift import reset_confirmations
+from ..glr_tests.compass_offset import close_compass_offset
+from ..glr_tests.gnss_drift import reset_drift
+from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
+from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.velocity_drift import reset_confirmations
 from ..lever_arm import (
     antenna_position,
     antenna_velocity,

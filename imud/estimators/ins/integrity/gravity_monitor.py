@@ -21,12 +21,12 @@ from ...tuning import Tunable
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import NO_GATE, correct_state, gated_update
+from ..glr_tests.gnss_drift import reset_drift
+from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
+from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.velocity_drift import reset_confirmations
 from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
-from .gnss_drift import reset_drift
-from .gyro_bias_step import reset_gyro_bias_step
-from .time_offset_step import reset_time_offset_step
-from .velocity_drift import reset_confirmations
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters

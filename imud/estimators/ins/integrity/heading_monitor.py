@@ -21,8 +21,8 @@ from ..alignment.modes import HEADING_KNOWN, change_mode
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
+from ..glr_tests.compass_offset import is_unconfirmed
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
-from .compass_offset import is_unconfirmed
 
 if TYPE_CHECKING:
     from ...types import Fix

@@ -27,13 +27,13 @@ from ..aiding.gnss_noise import horizontal_sigma
 from ..aiding.gnss_velocity import velocity_of
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
+from ..glr_tests.gnss_drift import reset_drift
+from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
+from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.velocity_drift import reset_velocity_drift
 from ..mechanization import ned_difference, wrap_angle
 from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
-from .gnss_drift import reset_drift
-from .gyro_bias_step import reset_gyro_bias_step
 from .reset_inflation import inflate_position
-from .time_offset_step import reset_time_offset_step
-from .velocity_drift import reset_velocity_drift
 
 if TYPE_CHECKING:
     from ...types import Fix

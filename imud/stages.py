@@ -146,17 +146,29 @@ def _decoder(decode: Kernel, decoder: np.dtype[Any]) -> Kernel:
 
 @functools.cache
 def _stepper(step: Kernel) -> Kernel:
-    """Clock, health, calibration and estimator, for each sample of a batch."""
+    """Health, calibration and estimator, for a sample that has its time."""
+
+    def step_sample(health: Any, sample: Any, errors: Any, p: Any, s: Any, solution: Any) -> None:
+        check_sample(health, sample)
+        correct(sample, errors)
+        step(p, s, sample, solution)
+        add_mounting(sample, errors, solution)
+
+    set_unique_name(step_sample, step)
+    return kernel(step_sample)
+
+
+@functools.cache
+def _batch_stepper(step: Kernel) -> Kernel:
+    """Clock and `_stepper`, for each sample of a batch."""
+    step_sample = _stepper(step)
 
     def step_batch(
         samples: Any, n: int, arrival_ns: int, clock: Any, health: Any, errors: Any, p: Any, s: Any, out: Any
     ) -> None:
         for k in range(n):
             samples[k].t_ns = stamp(clock[0], samples[k].tick, arrival_ns)
-            check_sample(health[0], samples[k])
-            correct(samples[k], errors[0])
-            step(p[0], s[0], samples[k], out[k])
-            add_mounting(samples[k], errors[0], out[k])
+            step_sample(health[0], samples[k], errors[0], p[0], s[0], out[k])
 
     set_unique_name(step_batch, step)
     return inlined(step_batch)
@@ -165,7 +177,7 @@ def _stepper(step: Kernel) -> Kernel:
 @functools.cache
 def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> Kernel:
     """An estimator's half of `ingest`. parameters, state: of its records."""
-    step_batch = _stepper(step)
+    step_batch = _batch_stepper(step)
 
     def advance_pipeline(pipeline: int, n: int, arrival_ns: int) -> int:
         s = records(pipeline, 1, INERTIAL_PIPELINE)[0]
@@ -192,6 +204,7 @@ def _advancer(step: Kernel, parameters: np.dtype[Any], state: np.dtype[Any]) -> 
 @functools.cache
 def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kernel:
     """What `Filter.feed` calls."""
+    step_sample = _stepper(step)
 
     def feed(
         health: Any,
@@ -217,10 +230,7 @@ def _feeder(step: Kernel, update: Kernel, aid: Kernel, pending: Kernel) -> Kerne
                 n += update(p[0], s[0], fixes[fixed], innovations[n:])
                 fixed += 1
             if k < len(samples):
-                check_sample(health[0], samples[k])
-                correct(samples[k], errors[0])
-                step(p[0], s[0], samples[k], out[k])
-                add_mounting(samples[k], errors[0], out[k])
+                step_sample(health[0], samples[k], errors[0], p[0], s[0], out[k])
         return n
 
     set_unique_name(feed, step, update, aid, pending)
@@ -263,7 +273,7 @@ class Stages:
     def __init__(self, estimator: Estimator) -> None:
         update, pending = estimator.update or _takes_none, estimator.pending_innovations or _has_none
         self._step = estimator.step
-        self.each = _stepper(estimator.step)
+        self.step_batch = _batch_stepper(estimator.step)
         self.feed = _feeder(estimator.step, update, estimator.aid or _takes_none, pending)
         self.pending_innovations = _collector(pending)
         self.aid = estimator.aid and _aider(estimator.aid)

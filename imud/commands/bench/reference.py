@@ -73,7 +73,7 @@ def pipeline_source(pipeline: InertialPipeline) -> tuple[str, bytes]:
     parts: dict[str, tuple[Any, tuple[Any, ...]]] = {
         "decode": (s.decode, (s.rx, "fill + received", s.decoder, s.samples)),
         "advance": (
-            f.stages.each,
+            f.stages.step_batch,
             (s.samples, "n", "arrival_ns", s.clock, f.health, f.correction, f.parameters, f.state, s.solutions),
         ),
     }

@@ -18,7 +18,7 @@ from .compile.hashing import digest_of
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
 from .estimators.filter_states import ATTITUDE_BLOCK, FILTER_STATES
-from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, SOLUTION
+from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, PENDING_MAX, SOLUTION
 from .math.arrays import Records
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
 from .sensor_errors.profiles import profile_of, ranges_of
@@ -26,7 +26,6 @@ from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
 from .stages import BATCH, BYTE, INERTIAL_PIPELINE, RX, Stages, decoding, ingest
 
-PENDING_MAX = 1024  # innovations of samples between two calls of `pending_innovations`, at most
 PER_MEASUREMENT_MAX = 16  # innovations of one fix or measurement, at most
 _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NO_INDEX, _BEFORE_FIRST = (
     np.zeros(n, kind)

@@ -26,6 +26,7 @@ ESTIMATORS = {
     "Measurement": records.MEASUREMENT,
     "Solution": records.SOLUTION,
     "Innovation": records.INNOVATION,
+    "PendingInnovations": records.PENDING_INNOVATIONS,
     "TiltParameters": tilt.PARAMETERS,
     "TiltState": tilt.STATE,
 }

@@ -7,8 +7,18 @@ from navigation_simulation import drive, received, sensed
 from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
-from imud.estimators.records import INNOVATION, NHC_LATERAL, NHC_VERTICAL, REST_D, REST_N, REST_X, REST_Z, SOLUTION
-from imud.pipeline import PENDING_MAX, Filter
+from imud.estimators.records import (
+    INNOVATION,
+    NHC_LATERAL,
+    NHC_VERTICAL,
+    PENDING_MAX,
+    REST_D,
+    REST_N,
+    REST_X,
+    REST_Z,
+    SOLUTION,
+)
+from imud.pipeline import Filter
 
 RATE = 100
 REST_S, SKID_S = 10.0, (80.0, 83.0)

@@ -9,9 +9,9 @@ import numpy as np
 from ..errors import UsageError
 from ..estimators import registry
 from ..estimators.filter_states import cells
-from ..estimators.records import INNOVATION, SOLUTION
+from ..estimators.records import INNOVATION, PENDING_MAX, SOLUTION
 from ..math.arrays import Records
-from ..pipeline import PENDING_MAX, Filter
+from ..pipeline import Filter
 from .arguments import (
     Frames,
     check_frames,

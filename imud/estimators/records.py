@@ -86,6 +86,9 @@ INNOVATION = np.dtype(
     align=True,
 )
 
+PENDING_MAX = 1024  # innovations of steps that an estimator keeps until they are asked for, at most
+PENDING_INNOVATIONS = np.dtype([("rows", INNOVATION, (PENDING_MAX,)), ("count", "<i8")], align=True)
+
 POSITION_N, POSITION_E, POSITION_D, VELOCITY_N, VELOCITY_E, VELOCITY_D, HEADING = range(7)
 # pseudo-measurements, of rest and of the non-holonomic constraint; a new kind goes behind the last one below
 REST_N, REST_E, REST_D, REST_X, REST_Y, REST_Z, NHC_LATERAL, NHC_VERTICAL = range(7, 15)

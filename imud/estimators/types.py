@@ -65,6 +65,11 @@ class Innovation:
     used: int
 
 
+class PendingInnovations:
+    rows: list[Innovation]
+    count: int
+
+
 class TiltParameters:
     sample_var: float
     bias_var: float

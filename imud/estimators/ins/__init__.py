@@ -22,7 +22,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 
 from .. import Estimator
 from .checkpoint import checkpoint, resume
-from .filter import aid, step, take_innovations, update
+from .filter import aid, pending_innovations, step, update
 from .filter_states import filter_states
 from .parameters import TUNABLES, configure
 from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
@@ -35,7 +35,7 @@ ESTIMATOR = Estimator(
     start,
     step,
     update,
-    pending_innovations=take_innovations,
+    pending_innovations=pending_innovations,
     tunables=TUNABLES,
     survives_power_on=True,
     aid=aid,

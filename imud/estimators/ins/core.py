@@ -5,7 +5,7 @@ The records of aiding sources, alignment, GLR tests and integrity monitoring are
 
 import numpy as np
 
-from ..records import FIX, INNOVATION, MEASUREMENT, SOURCE_KINDS
+from ..records import FIX, INNOVATION, MEASUREMENT, PENDING_INNOVATIONS, SOURCE_KINDS
 from .aiding.records import (
     BAROMETER,
     EXTERNAL_AID,
@@ -36,7 +36,6 @@ from .state import (
     IMU_RING,
     JACOBIAN_LENGTH,
     LEARNING_STATES,
-    PENDING_INNOVATIONS,
     SNAPSHOTS,
     STATES,
     STEP_INNOVATIONS,
@@ -275,8 +274,7 @@ STATE = np.dtype(
         ("initial_rpy", "<f8", (3,)),  # rad, NaN where not given by the user
         ("last_w", "<f8", (3,)),  # last good sample, body axes
         ("last_f", "<f8", (3,)),
-        ("pending_innovations", INNOVATION, (PENDING_INNOVATIONS,)),
-        ("pending_count", "<i8"),  # rows of it
+        ("pending", PENDING_INNOVATIONS),
         ("interpolated_w", "<f8", (3,)),  # scratch: the sample interpolated at a fix
         ("interpolated_f", "<f8", (3,)),
     ],

@@ -9,6 +9,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT, UNUSABLE
 
 from ...compile.jit import kernel
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
+from ..pending_innovations import move_innovations, store_innovation
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .aiding.source_age import learn_age
@@ -36,7 +37,7 @@ from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
 from .sources import REJECTED_KIND, fuse_source
-from .state import AIDING_RING, NEVER_NS, PENDING_INNOVATIONS
+from .state import AIDING_RING, NEVER_NS
 from .stationarity import first_window
 
 if TYPE_CHECKING:
@@ -80,22 +81,15 @@ def collect_innovations(s: State) -> None:
     """Store the innovations of the newest sample; those of samples replayed after a late fix are not stored again."""
     c = s.core[0]
     for k in range(c.scratch.innovation_count):
-        if s.pending_count < PENDING_INNOVATIONS:
-            s.pending_innovations[s.pending_count] = c.scratch.innovations[k]
-            s.pending_count += 1
+        row = c.scratch.innovations[k]
+        store_innovation(s.pending, row.t_ns, row.kind, row.value, row.variance, row.used)
     clear_innovations(c)
 
 
 @kernel
-def take_innovations(s: State, innovations: list[Innovation]) -> int:
-    """Move the pending innovations of pseudo-measurements to `innovations`, oldest first; returns how many."""
-    n: int = min(s.pending_count, len(innovations))
-    for k in range(n):
-        innovations[k] = s.pending_innovations[k]
-    for k in range(n, s.pending_count):
-        s.pending_innovations[k - n] = s.pending_innovations[k]
-    s.pending_count -= n
-    return n
+def pending_innovations(s: State, innovations: list[Innovation]) -> int:
+    """Move those of pseudo-measurements to `innovations`; returns how many."""
+    return move_innovations(s.pending, innovations)
 
 
 @kernel

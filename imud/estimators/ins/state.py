@@ -55,4 +55,3 @@ LEARNING_STATES = 9  # of which the sensitivity to the process noise is known: p
 EXPONENTIALS = 4  # remembered: decays of the receiver's two biases, process noise of velocity and attitude
 JACOBIAN_LENGTH = 13  # most nonzero elements of a row of H
 STEP_INNOVATIONS = 8  # of one sample: a window of rest and a constraint
-PENDING_INNOVATIONS = 1024  # kept until they are asked for

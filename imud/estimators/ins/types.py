@@ -1,7 +1,7 @@
 """The records of the navigation filter as types for mypy, written by tests/record_types.py."""
 
 from ...math.arrays import Floats, Indices, Integers, Reals, Tensor
-from ..types import Fix, Innovation, Measurement
+from ..types import Fix, Innovation, Measurement, PendingInnovations
 from .tuning_types import Tuning
 
 
@@ -581,7 +581,6 @@ class State:
     initial_rpy: Reals
     last_w: Reals
     last_f: Reals
-    pending_innovations: list[Innovation]
-    pending_count: int
+    pending: PendingInnovations
     interpolated_w: Reals
     interpolated_f: Reals

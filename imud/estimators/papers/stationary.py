@@ -42,11 +42,12 @@ from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
 from .. import Estimator
+from ..pending_innovations import move_innovations, store_innovation
 from ..records import (
     AT_REST,
     ATTITUDE_VALID,
     HEIGHT_VALID,
-    INNOVATION,
+    PENDING_INNOVATIONS,
     POSITION_VALID,
     REJECTING,
     REST_POSITION_X,
@@ -68,7 +69,6 @@ UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
 POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
 
 AXES = (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)
-PENDING_INNOVATIONS = 1023  # kept until they are asked for
 
 PARAMETERS = np.dtype(
     [
@@ -109,8 +109,7 @@ STATE = np.dtype(
         ("rejected", "<i8"),
         ("origin", "<f8", (3,)),  # rad, rad, m; NaN: none
         ("origin_var", "<f8", (3,)),  # m^2
-        ("pending_innovations", INNOVATION, (PENDING_INNOVATIONS,)),
-        ("pending_count", "<i8"),
+        ("pending", PENDING_INNOVATIONS),
     ],
     align=True,
 )
@@ -207,10 +206,7 @@ def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
     for i in range(3):
         r = -s.p[i]
         s.residual[i] = r
-        if s.pending_count < PENDING_INNOVATIONS:
-            row = s.pending_innovations[s.pending_count]
-            row.t_ns, row.kind, row.value, row.variance, row.used = s.t_ns, AXES[i], r, s.variance, 1
-            s.pending_count += 1
+        store_innovation(s.pending, s.t_ns, AXES[i], r, s.variance, 1)
         if r * r > GATE * GATE * s.variance:
             s.rejected = 1
         s.p[i] += s.d[POSITION] / s.variance * r
@@ -221,13 +217,9 @@ def fuse_zero_position(p: StationaryParameters, s: StationaryState) -> None:
 
 
 @kernel
-def take_innovations(s: StationaryState, innovations: list[Innovation]) -> int:
-    """Move the pending innovations to `innovations`; returns how many. Those beyond its end are lost."""
-    n: int = min(s.pending_count, len(innovations))
-    for k in range(n):
-        innovations[k] = s.pending_innovations[k]
-    s.pending_count = 0
-    return n
+def pending_innovations(s: StationaryState, innovations: list[Innovation]) -> int:
+    """Move those of the zero position to `innovations`; returns how many."""
+    return move_innovations(s.pending, innovations)
 
 
 @kernel
@@ -316,5 +308,5 @@ def set_origin(p: StationaryParameters, s: StationaryState, fix: Fix, innovation
 
 
 ESTIMATOR = Estimator(
-    "stationary", configure, start, step, set_origin, needs_gyros=False, pending_innovations=take_innovations
+    "stationary", configure, start, step, set_origin, needs_gyros=False, pending_innovations=pending_innovations
 )

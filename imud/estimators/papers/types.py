@@ -1,7 +1,7 @@
 """The records of the papers' estimators as types for mypy, written by tests/record_types.py."""
 
 from ...math.arrays import Floats, Indices, Reals
-from ..types import Innovation
+from ..types import PendingInnovations
 
 
 class StationaryParameters:
@@ -39,8 +39,7 @@ class StationaryState:
     rejected: int
     origin: Reals
     origin_var: Reals
-    pending_innovations: list[Innovation]
-    pending_count: int
+    pending: PendingInnovations
 
 
 class SuhParameters:

@@ -8,7 +8,7 @@ rates in a fourth round, if any byte was received that was no answer. A line on 
 listened to a little longer, in case the device also sends one of its own.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -21,6 +21,7 @@ from .transport.portspec import IIO_DRIVER, SERVER_DRIVER, PortSpec
 ROUNDS = 3  # and a fourth on a line with activity
 LATE_SPEEDS = (1, 0, 1, 99)  # for each round, at how many of a driver's speeds late answers are waited for
 RECEIVED_MAX = 1024  # bytes in which any driver recognises its device
+LISTENING_ORDER = (38400, 460800, 4800, 57600, 230400, 9600, 115200, 19200, 921600)  # of equally likely speeds
 ECHOES = 3  # in a row are no answers
 GREETING_S = 5.0  # also for making the connection
 NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
@@ -79,7 +80,7 @@ def detect(
     """
     candidates = (by_name(driver),) if driver else drivers()
     speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in candidates}
-    bauds = tuple(_merged(list(speeds.values())))
+    bauds = _from(last_baud, tuple(_merged(speeds.values())))
     last: UnrecognisedData | None = None
     activity = Activity()
     for number, late_speeds in enumerate(LATE_SPEEDS):
@@ -115,9 +116,15 @@ def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:
     return tuple(sorted(bauds, key=lambda baud: baud != first))
 
 
-def _merged(lists: Sequence[Sequence[int]]) -> Iterator[int]:
-    """Every driver's likeliest, then every driver's second, without repetition."""
-    return iter(dict.fromkeys(baud for rank in zip_longest(*lists) for baud in rank if baud))
+def _merged(lists: Iterable[Sequence[int]]) -> Iterator[int]:
+    """Every driver's likeliest, then every driver's second, without repetition, whatever the order of the drivers."""
+    ranks = (sorted(filter(None, rank), key=_listening_order) for rank in zip_longest(*lists))
+    return iter(dict.fromkeys(baud for rank in ranks for baud in rank))
+
+
+def _listening_order(baud: int) -> tuple[int, int]:
+    """The place of a speed among those that are as likely; a speed that only a new driver has comes behind them."""
+    return (LISTENING_ORDER.index(baud) if baud in LISTENING_ORDER else len(LISTENING_ORDER)), baud
 
 
 def _recognised(candidates: Sequence[AnyDriver], received: bytes, baud: int) -> Found | None:

@@ -7,7 +7,7 @@ import pytest
 from emulated import streaming
 from scripted import G350, Mute, Speaker, Windowed, run
 
-from imud.drivers.detect import detect
+from imud.drivers.detect import _merged, detect
 from imud.drivers.driver import GnssConfigured, Identity, Options, Unsupported
 from imud.drivers.findings import Echo, Silence, UnrecognisedData
 from imud.drivers.registry import by_name, drivers, names
@@ -16,6 +16,8 @@ BURST = (
     b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
     b"$GPVTG,0.00,T,,M,0.042,N,0.079,K,A*35\r\n"
 )
+QUERY_S = 0.12  # at most, for each speed of each driver
+LISTEN_S = 1.33  # at most, for each speed
 BOOT = b"$PMTK010,001*2E\r\n$POLYN,1\r\n"
 
 
@@ -32,7 +34,7 @@ def test_the_registry_finds_every_driver_by_its_folder():
 def test_a_silent_imu_is_asked_at_every_speed(baud):
     found, seconds = run(detect(), G350(baud))
     assert found == Identity("epson", "M-G350", "A0000123", "0113", baud, "m-g350")
-    assert seconds < (2.2 if baud == 460800 else 4.0)
+    assert seconds < (2.2 if baud == 460800 else 1.1 + QUERY_S * sum(len(driver.bauds) for driver in drivers()))
 
 
 @pytest.mark.parametrize("boot_s", [0.8, 2.0, 3.0])
@@ -60,6 +62,18 @@ def test_the_speed_at_which_a_device_was_found_before_is_tried_first(streams):
         found, seconds[last_baud] = run(detect(last_baud=last_baud), device)
         assert (found.driver, found.baud) == ("epson", baud)
     assert seconds[0] == seconds[12345] > 1.2 * seconds[baud]
+    assert next(detect(last_baud=baud)).baud == baud
+
+
+@pytest.mark.parametrize("new", [(2400,), (115200,), (921600, 300), (230400, 4800)])
+@pytest.mark.parametrize("name", ["aaa", "zzz"])
+def test_a_new_driver_changes_nothing_in_when_the_others_are_listened_to(name, new):
+    known = {driver.name: driver.bauds for driver in drivers()}
+    before, after = (
+        list(_merged([bauds for _, bauds in sorted(those.items())])) for those in (known, known | {name: new})
+    )
+    assert after[:4] == before[:4]
+    assert set(after) == {*before, *new}
 
 
 class Pseudo(G350):
@@ -87,7 +101,7 @@ def test_a_receiver_is_recognised_without_a_byte_written(baud):
     found, seconds = run(detect(), device)
     assert (found.driver, found.baud) == ("nmea", baud)
     assert device.written == b""
-    assert seconds < 12.0
+    assert seconds < LISTEN_S * len({baud for driver in drivers() for baud in driver.bauds})
 
 
 @pytest.mark.parametrize("baud", [230400, 460800, 921600])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins import rest, stationarity
-from imud.estimators.ins.aiding import forward_axis, land_evidence, non_holonomic
+from imud.estimators.ins.aiding import forward_axis_search, land_evidence, non_holonomic
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
@@ -17,7 +17,7 @@ from imud.math.kalman import unpack
 
 rest = Module(rest)
 stationarity = Module(stationarity)
-forward_axis = Module(forward_axis)
+forward_axis_search = Module(forward_axis_search)
 non_holonomic = Module(non_holonomic)
 
 PARAMETERS = configure(Settings(), 100.0)[0]
@@ -68,7 +68,7 @@ def travelled(heading_deg, velocity, speed_sigma=0.1, vehicle="auto", every_s=0.
         c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = int(1e9 * every_s * k)
         c["imu"]["rate_b"][2] = np.radians(np.gradient(heading_deg)[k]) / every_s
         c["stationarity"]["mean_f"] = np.cross((0.0, 0.0, lateral_share * c["imu"]["rate_b"][2]), v) - (0.0, 0.0, 9.8)
-        if forward_axis.find_forward_axis(p[0], c):
+        if forward_axis_search.find_forward_axis(p[0], c):
             non_holonomic.enable_nhc(p[0], c)
     return c
 
@@ -143,9 +143,9 @@ def test_velocities_from_before_the_heading_was_known_rotate_with_it():
     )
     back = Rotation.from_rotvec([0.0, 0.0, -psi])
     straight["nav"]["q_nb"] = np.roll((back * Rotation.from_quat(np.roll(q, -1))).as_quat(), 1)
-    forward_axis.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
+    forward_axis_search.rotate_scatter(straight, -psi)  # as if the heading had been wrong by psi all the time
     assert np.abs(straight["nhc"]["velocity_scatter"] - spread).max() > 0.1 * np.abs(spread).max()
-    forward_axis.rotate_scatter(straight, psi)
+    forward_axis_search.rotate_scatter(straight, psi)
     assert straight["nhc"]["velocity_scatter"] == pytest.approx(spread)
     turned = Rotation.from_quat(np.roll(q, -1)).inv().apply(v)  # the last velocity, in the body
     matrix = np.zeros((3, 3))

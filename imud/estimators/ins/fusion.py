@@ -32,7 +32,7 @@ from .heading_boresight import add_boresight, covariance_with_boresight, propaga
 from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import COMPASS_AXIS, NAVIGATING, VELOCITY
+from .state import COMPASS_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -63,8 +63,7 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     """Scalar Kalman update with innovation z of variance s; the Jacobian has `length` elements, P h is in scratch.d.
 
     What faults add to the innovation is in scratch, too (`predict_innovations`).
-    axis: 0 for a GNSS position north, 1 east; 2 for its velocity north, 3 east; -2 a heading, -3 one of the heading
-    source; -1 anything else.
+    axis: what is measured, for the GLR tests: POSITION_AXIS or one of the other codes of `state`.
     """
     compute_gain(c, s)
     e = covariance_with_boresight(c, length, axis)
@@ -83,7 +82,7 @@ def gated_update(c: Core, length: int, z: float, r: float, gate: float) -> tuple
     gate 0: none, REJECT: rejected. The Jacobian has `length` elements. Returns the innovation against the error
     estimate as well, its variance, and its normalised square (NIS), negative when rejected.
     """
-    return correlated_update(c, length, z, r, 0.0, gate, -1)
+    return correlated_update(c, length, z, r, 0.0, gate, OTHER_AXIS)
 
 
 @kernel

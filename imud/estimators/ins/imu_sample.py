@@ -14,7 +14,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 from ...compile.jit import kernel
 from ..tuning import Tunable
 from .aiding.course_heading import waits_for_course
-from .aiding.forward_axis import find_forward_axis
+from .aiding.forward_axis_search import find_forward_axis
 from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window

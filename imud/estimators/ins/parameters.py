@@ -34,7 +34,7 @@ from . import (
 )
 from .aiding import (
     course_heading,
-    forward_axis,
+    forward_axis_search,
     gnss_gate,
     gnss_noise,
     gnss_position,
@@ -91,7 +91,7 @@ TUNABLES = (
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,
     *course_heading.TUNABLES,
-    *forward_axis.TUNABLES,
+    *forward_axis_search.TUNABLES,
     *land_evidence.TUNABLES,
     *nhc_noise.TUNABLES,
     *in_motion.TUNABLES,

@@ -35,8 +35,9 @@ REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = (
     2,
 )  # of fixes: of a receiver at work; of a survey: at first; once they are confirmed
 
-VELOCITY_AXIS = 2  # axis of an update: 0 a GNSS position north, 1 east, 2 and 3 its velocity, -1 anything else
-HEADING_AXIS, COMPASS_AXIS = -2, -3  # but a heading, and one of the heading source
+# axis of an update, for the GLR tests
+POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 1: east
+OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 VECTORS = 12  # pairs of vectors kept, from which roll and pitch are found in motion
 NEVER_NS = -(1 << 62)  # a time before all others

@@ -28,7 +28,7 @@ from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_in
 from ..integrity.reset_inflation import inflate_position
 from ..lever_arm import attitude_row
 from ..mechanization import body_to_ned, ned_difference, wrap_angle
-from ..state import ATTITUDE, HEADING_AXIS, POSITION
+from ..state import ATTITUDE, HEADING_AXIS, OTHER_AXIS, POSITION
 from .external_aid import is_new, others_of_error, time_since_last
 from .heading import yaw_jacobian
 
@@ -147,7 +147,7 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         length, gate = pose_jacobian(c, arm, i), NO_GATE if used else REJECT
         timing, offset = lasting_variances(p, c, i)
         shared = others * r + others_of_age * timing + others_of_offset * offset
-        axis = HEADING_AXIS if i == 3 else -1
+        axis = HEADING_AXIS if i == 3 else OTHER_AXIS
         value, s, _ = correlated_update(c, length, z, r + timing + offset, shared, gate, axis)
         if used and i < 3:
             update_offset(p, c, i, z, s, dt)

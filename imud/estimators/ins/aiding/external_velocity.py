@@ -32,7 +32,7 @@ from ..ekf import innovation_variance, set_jacobian, set_jacobian3
 from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_innovation
 from ..lever_arm import arm_velocity_b, attitude_row, gyro_bias_row
 from ..mechanization import body_to_ned, ned_to_body, rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, VELOCITY
+from ..state import ATTITUDE, GYRO_BIAS, OTHER_AXIS, VELOCITY
 from .external_aid import is_new, others_of_error, time_since_last
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def fuse_external_velocity(p: Parameters, c: Core, m: Measurement, innovations: 
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
         r = sigma * sigma + timing
         length, gate = external_velocity_jacobian(p, c, m, i), NO_GATE if used else REJECT
-        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, others * r + lasting, gate, -1)
+        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, others * r + lasting, gate, OTHER_AXIS)
         n = write_innovation(innovations, n, m.t_ns, first + i, z, s, used)
     if used:
         correct_state(p, c)

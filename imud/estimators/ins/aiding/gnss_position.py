@@ -20,7 +20,7 @@ from ..glr_tests.gnss_drift import detect_drift
 from ..integrity.alternating_receiver import count_position
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
-from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET
+from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, OTHER_AXIS, POSITION, POSITION_AXIS, TIME_OFFSET
 from .gnss_gate import gate_height, gate_position, only_receiver_supports, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
@@ -132,7 +132,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (receiver_share if i < 2 else 0.0)
         length, gate = position_jacobian(c, lever, velocity, i), NO_GATE if accepted else REJECT
-        value, s, nis = fix_update(p, c, length, z[i], r, gate, i if i < 2 else -1)
+        value, s, nis = fix_update(p, c, length, z[i], r, gate, POSITION_AXIS + i if i < 2 else OTHER_AXIS)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations
             learn_position_noise(p, c, i, nis, s)

@@ -27,6 +27,7 @@ from ..state import (
     GYRO_BIAS,
     NAVIGATING,
     NEVER_NS,
+    OTHER_AXIS,
     TIME_OFFSET,
     VELOCITY,
     VELOCITY_AXIS,
@@ -134,7 +135,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
         length = velocity_jacobian(p, c, antenna, accel, i)
-        z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else -1)
+        z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else OTHER_AXIS)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis)

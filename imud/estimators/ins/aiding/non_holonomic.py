@@ -2,9 +2,9 @@
 
 Lateral: z = lever_arm turn_rate - lateral . v_b. Vertical: z = -vertical . v_b, with vertical = forward x lateral and
 `turn_rate` the rate about it. The forward axis, a unit vector of the body, is the principal direction of the velocity
-in the body (`forward_axis`). Two error states refine it; a third is the lever arm, by which the sensor is ahead of the
-point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the velocity has turned over
-ground but not in the body, and disabled when the motion contradicts it; its noise scale is learned (`nhc_noise`).
+in the body (`forward_axis_search`). Two error states refine it; a third is the lever arm, by which the sensor is ahead
+of the point about which the vehicle turns. With vehicle = "auto" the constraint is enabled when the velocity has turned
+over ground but not in the body, and disabled when the motion contradicts it; its noise scale is learned (`nhc_noise`).
 
 Source: Dissanayake et al., The aiding of a low-cost strapdown inertial measurement unit using vehicle model
 constraints (2001).
@@ -36,7 +36,7 @@ from ..state import (
     VELOCITY,
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
-from .forward_axis import clear_scatter
+from .forward_axis_search import clear_scatter
 from .land_evidence import add_heave, refutes_land_vehicle
 from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 

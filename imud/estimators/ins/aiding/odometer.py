@@ -28,7 +28,7 @@ from ...tuning import Tunable
 from ..ekf import add_variance, innovation, innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
-from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, VELOCITY
+from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, OTHER_AXIS, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
 from .odometer_faults import check_step, count_use, inflate_velocity, is_frozen, step_gate, store_residual
 from .two_wheels import fuse_yaw_rate
@@ -187,7 +187,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     if not frozen:
         gate = step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
     proven = c.odometer.used_share >= p.tuning.odometer_min_used_share
-    z, s, nis = correlated_update(c, length, z, r, shared, gate if proven else REJECT, -1)
+    z, s, nis = correlated_update(c, length, z, r, shared, gate if proven else REJECT, OTHER_AXIS)
     used = nis >= 0.0
     count_use(p, c, gate != REJECT and z * z <= gate * s, dt)
     if used or n > 0:

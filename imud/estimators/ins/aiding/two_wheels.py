@@ -19,7 +19,7 @@ from ...records import WHEEL_YAW_RATE
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import correlated_update, write_innovation
-from ..state import GYRO_BIAS, MOUNT_PITCH, ODOMETER_SCALE
+from ..state import GYRO_BIAS, MOUNT_PITCH, ODOMETER_SCALE, OTHER_AXIS
 from ..vehicle_axes import forward_axis, vertical_axis
 
 if TYPE_CHECKING:
@@ -77,6 +77,6 @@ def fuse_yaw_rate(
     length = set_jacobian(c, length, ODOMETER_SCALE, measured / (1.0 + c.nav.odometer_scale))
     if c.nhc.enabled:  # the vehicle's axes are estimated: e_z <- e_z + pitch e_x
         length = set_jacobian(c, length, MOUNT_PITCH, dot(forward_axis(c), w))
-    z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate, -1)
+    z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate, OTHER_AXIS)
     write_innovation(innovations, 0, m.t_ns, WHEEL_YAW_RATE, z, s, nis >= 0.0)
     return 0.0 if nis >= 0.0 else z * base

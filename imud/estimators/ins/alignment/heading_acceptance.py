@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..aiding.forward_axis import rotate_scatter
+from ..aiding.forward_axis_search import rotate_scatter
 from ..ekf import (
     add_variance,
     cancel_correction,

@@ -14,7 +14,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
-from ..aiding.forward_axis import accumulate_scatter
+from ..aiding.forward_axis_search import accumulate_scatter
 from ..aiding.gnss_noise import clear_gnss_bias, limit_position_confidence, mark_used, set_speed
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..ekf import combine, decorrelate, innovation_variance, standard_deviation, variance

@@ -19,7 +19,7 @@ import numpy as np
 from ....compile.jit import kernel
 from ....math.rotation import cross, dcm_of_quat, dot, quat_exp, quat_normalised, quat_product, quat_rotate_back
 from ...tuning import Tunable
-from ..aiding.forward_axis import clear_scatter
+from ..aiding.forward_axis_search import clear_scatter
 from ..ekf import add_correction, combine, decorrelate, variance
 from ..fusion import correct_state
 from ..mechanization import ned_to_body, set_attitude

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import variance
-from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS
+from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def is_unconfirmed(c: Core) -> bool:
 def add_to_compass_offset(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add a horizontal innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
     g = c.compass_offset
-    if g.onset_ns == NEVER_NS or axis < 0:
+    if g.onset_ns == NEVER_NS or axis < POSITION_AXIS:
         return
     hw = c.scratch.fault_innovation[COMPASS_FAULT]
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_correlation_s, 1.0)

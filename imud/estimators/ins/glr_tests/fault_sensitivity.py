@@ -38,6 +38,7 @@ from ..state import (
     NAVIGATING,
     NEVER_NS,
     ONSETS,
+    POSITION_AXIS,
     STATES,
     VELOCITY_AXIS,
     VELOCITY_DRIFT_FAULT,
@@ -91,7 +92,7 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
         predict_from_errors(c, length, FAULTS)
     else:
         predict_from_errors(c, length, VELOCITY_DRIFT_FAULT)
-    if axis >= 0:
+    if axis >= POSITION_AXIS:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)

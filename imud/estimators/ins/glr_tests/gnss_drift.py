@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..state import DRIFT_FAULT, NEVER_NS, ONSETS, POSITION, VELOCITY, VELOCITY_AXIS
+from ..state import DRIFT_FAULT, NEVER_NS, ONSETS, POSITION, POSITION_AXIS, VELOCITY, VELOCITY_AXIS
 from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
@@ -172,7 +172,7 @@ def clear_velocity_sensitivity(c: Core) -> None:
 @kernel
 def add_to_drift(c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s that is fused, if it is of a horizontal position; axis: see `fuse`."""
-    if not 0 <= axis < VELOCITY_AXIS:
+    if not POSITION_AXIS <= axis < VELOCITY_AXIS:
         return
     g = c.drift
     for j in range(ONSETS):

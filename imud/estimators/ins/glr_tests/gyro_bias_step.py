@@ -27,7 +27,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..mechanization import rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, GYRO_STEP_FAULT, NEVER_NS, VELOCITY_AXIS
+from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, GYRO_STEP_FAULT, NEVER_NS, POSITION_AXIS, VELOCITY_AXIS
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
         g.velocity_ns = c.nav.t_ns
         sharing = max(p.tuning.gyro_bias_correlation_s / max(1e-9 * (c.nav.t_ns - g.last_ns), 1e-3), 1.0)
         return float(s / (s + (sharing - 1.0) * r))
-    if 0 <= axis < VELOCITY_AXIS and counts_positions(p, c):
+    if POSITION_AXIS <= axis < VELOCITY_AXIS and counts_positions(p, c):
         return float(1.0 / c.drift.noise_scale)
     return 0.0
 

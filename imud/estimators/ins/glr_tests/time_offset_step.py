@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
-from ..state import NEVER_NS, POSITION, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
+from ..state import NEVER_NS, POSITION, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def add_to_time_offset_step(c: Core, z: float, s: float, axis: int) -> None:
     g.vector += hw * z / s
     g.energy += z * z / s
     g.count += 1
-    if not 0 <= axis < VELOCITY_AXIS:
+    if not POSITION_AXIS <= axis < VELOCITY_AXIS:
         return
     g.jump[axis, 0] += 1.0 / s
     g.jump[axis, 1] += hw / s

@@ -89,6 +89,7 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     ports = {port["path"]: port for port in last["ports"]}
     assert list(ports) == [imu, gnss, absent]
     assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
+    assert 0.0 <= ports[imu]["sample_age_s"] < 60.0
     assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
     assert not ports[absent]["streaming"] and "trying again" in ports[absent]["description"]
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])

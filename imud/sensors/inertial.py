@@ -172,7 +172,7 @@ class Inertial:
         fit, clock = self.clock_fit(), self.pipeline.clock[0]
         return {
             **self.counters(),
-            "heard_ago_s": (now_ns - self.last_data_ns) * 1e-9,
+            "sample_age_s": (now_ns - self.last_data_ns) * 1e-9,
             "out_of_limits": ",".join(self.out_of_limits()) or None,
             "clock": {
                 "drift_ppm": 1e6 * fit.drift,

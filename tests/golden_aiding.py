@@ -300,7 +300,7 @@ def magnetometer_contradicted():
     return replace(navigated(samples, fixes[fixes["t_ns"] < 160e9]), settings=settings, measurements=rows)
 
 
-def magnetometer_doubted():
+def magnetometer_turned_from_the_start():
     """It starts with a field that is turned by 50 deg; the fixes contradict it, and the rates are lost for a while.
 
     Some readings are empty.

@@ -62,7 +62,7 @@ def start_in_a_steady_turn():
     return judged(shown(truth))
 
 
-def start_shaken():
+def start_with_strong_forces():
     """The first forces are far from gravity."""
     truth = lively(30.0, still=-1.0)
     samples = shown(truth)
@@ -78,7 +78,7 @@ def start_far_from_gravity():
     return judged(samples)
 
 
-def everything_given():
+def all_initial_values():
     given = Initial(roll_deg=10.0, pitch_deg=5.0, yaw_deg=20.0, lat_deg=48.0, height_m=500.0, lon_deg=11.0)
     return judged(shown(lively()), given)
 
@@ -147,7 +147,7 @@ def turntable_that_tilts():
     return judged(shown(simulate(130.0, 100.0, lambda t: turning(t) + tilting(t))))
 
 
-def weight_just_false():
+def accelerometer_scale_error():
     """More than a good board's error explains, by a little."""
     flaws = Flaws(accel_bias=(0.0, 0.0, -26.0 * MG), gyro_bias=(0.5 * DEG,) * 3)
     return judged(shown(lively(40.0), flaws), profile="auto")
@@ -163,17 +163,17 @@ def fine_counts():
     return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=60.0, count=0.0105 * DEG)
 
 
-def counts_that_hardly_tell():
+def counts_hidden_by_noise():
     """The noise nearly hides each single one: it takes long to learn from it."""
     return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=130.0, count=0.0145 * DEG)
 
 
-def counts_about_whole():
+def counts_with_an_offset():
     """A bias that was taken out left them a little beside whole numbers, by as much as they just may be."""
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 8.11 * COUNT / DEG, still=60.0)
 
 
-def long_drive_of_the_heading():
+def heading_of_a_long_drive():
     """Until it is not trusted any more."""
     return judged(shown(lively(150.0, 50.0, turning=1.5), seed=4), HEADED, profile="consumer-mems")
 
@@ -208,7 +208,7 @@ def car():
     return judged(samples)
 
 
-def smooth_car():
+def car_on_a_smooth_road():
     """The same without a road that shakes it: cruising is as quiet as standing."""
     speed_up, brake = steady((2.5, 0.0, 0.0), 10.0, 25.0), steady((-3.0, 0.0, 0.0), 90.0, 102.5)
     return judged(shown(simulate(130.0, 50.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="auto")
@@ -219,7 +219,7 @@ def fast_car():
     return judged(shown(simulate(50.0, 100.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="consumer-mems")
 
 
-def unnamed():
+def unknown_sensor_model():
     """A sensor that nobody named, whose weight is false by more than a good board's."""
     flaws = Flaws(accel_bias=(10.0 * MG, -20.0 * MG, -70.0 * MG), gyro_bias=(1.0 * DEG,) * 3)
     return judged(shown(lively(), flaws), profile="auto")
@@ -235,7 +235,7 @@ def tapping():
     return judged(samples)
 
 
-def warped():
+def scale_factors_and_misalignments():
     """Scale factors and misalignments that motion shows."""
     matrix = np.array([[0.008, 0.003, -0.004], [0.002, -0.01, 0.003], [-0.003, 0.004, 0.006]])
     flaws = Flaws(gyro_bias=(0.2 * DEG,) * 3, gyro_matrix=matrix, accel_scale=(0.01, -0.01, 0.005))
@@ -250,11 +250,11 @@ def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0, co
     return judged(samples)
 
 
-def rates_cut_off():
+def rates_truncated():
     return cut_off(np.trunc, (0.3, -0.2, -0.4))
 
 
-def rates_cut_off_about_zero():
+def rates_truncated_about_zero():
     """After a long rest, whose noise tells it."""
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 0.47, still=60.0)
 
@@ -276,34 +276,34 @@ def rates_rounded():
 
 CLASSES = (
     disturbed_rest_of_a_consumer_sensor,
-    counts_that_hardly_tell,
+    counts_hidden_by_noise,
     hand,
     start_in_motion,
     start_in_a_steady_turn,
-    start_shaken,
+    start_with_strong_forces,
     start_far_from_gravity,
-    everything_given,
+    all_initial_values,
     disturbed_rest,
     fast_turntable,
     turntable_that_tilts,
-    weight_just_false,
+    accelerometer_scale_error,
     coarse_counts,
     fine_counts,
-    counts_about_whole,
-    long_drive_of_the_heading,
+    counts_with_an_offset,
+    heading_of_a_long_drive,
     rest,
     rest_with_a_step_of_the_bias,
     turntable,
     start_on_a_turntable,
     even_curve,
     car,
-    smooth_car,
+    car_on_a_smooth_road,
     fast_car,
-    unnamed,
+    unknown_sensor_model,
     tapping,
-    warped,
-    rates_cut_off,
-    rates_cut_off_about_zero,
+    scale_factors_and_misalignments,
+    rates_truncated,
+    rates_truncated_about_zero,
     long_rest_of_counts,
     rates_rounded,
 )

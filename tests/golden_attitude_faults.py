@@ -19,7 +19,7 @@ def spoilt(begin, end, faults, truth=None, estimator="attitude", initial=HEADED)
     return judged(samples, initial, estimator=estimator)
 
 
-def false_attitude_given():
+def wrong_initial_attitude():
     return judged(shown(lively()), Initial(roll_deg=-50.0, pitch_deg=40.0, yaw_deg=20.0))
 
 
@@ -89,7 +89,7 @@ def gaps():
     return judged(shown(truth)[keep], HEADED)
 
 
-def gap_in_lively_motion():
+def gap_in_strong_motion():
     """It leaves the tilt unknown."""
     truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
     return judged(shown(truth)[(truth.t < 30.0) | (truth.t > 30.9)])
@@ -116,7 +116,7 @@ def slipped(angle_deg, truth, flaws=BIASES, profile="m-g350", initial=HEADED):
     return judged(samples, initial, profile)
 
 
-def lost_attitude():
+def mounting_slip_of_90_degrees():
     return slipped(90.0, lively(70.0))
 
 
@@ -125,7 +125,7 @@ def wrong_tilt_in_motion():
     return slipped(12.0, truth)
 
 
-def slip_in_a_hand():
+def mounting_slip_in_a_hand():
     """Of a body that has proved to be no vehicle."""
     return slipped(15.0, lively(40.0))
 
@@ -135,11 +135,11 @@ def wrong_tilt_at_rest():
 
 
 CLASSES = (
-    slip_in_a_hand,
+    mounting_slip_in_a_hand,
     short_gaps,
     power_on,
     gaps_of_about_a_second,
-    false_attitude_given,
+    wrong_initial_attitude,
     clipping,
     lost_accelerometer,
     one_frozen_axis_of_the_accelerometer,
@@ -147,9 +147,9 @@ CLASSES = (
     lost_gyro_for_a_moment,
     no_accelerometer_at_the_start,
     gaps,
-    gap_in_lively_motion,
+    gap_in_strong_motion,
     damaged_samples,
-    lost_attitude,
+    mounting_slip_of_90_degrees,
     wrong_tilt_in_motion,
     wrong_tilt_at_rest,
 )

@@ -60,7 +60,7 @@ def pose_alone():
     return replace(navigated(samples, fixes[:0]), settings=settings, measurements=rows)
 
 
-def pose_elsewhere():
+def pose_jump_that_stays():
     """There is no receiver; the poses jump by 3 m for good, are rejected, and return when the estimate is less sure."""
     d = road(100.0)
     samples, fixes = data(d, seed=81)

@@ -173,13 +173,13 @@ def long_drift():
     return navigated(samples, silent(moved(fixes, 60.0, 1e9, 0.0, per_second=1.0)), HEADED)
 
 
-def restless_receiver():
+def overconfident_receiver():
     """Its positions wander farther than it says, for minutes, and drift at last."""
     samples, fixes = data(road(330.0, rest=1e3), seed=84, sigma=5.0, tau=30.0)
     return navigated(samples, silent(moved(fixes, 280.0, 1e9, 0.0, per_second=1.5)), HEADED)
 
 
-def restless_receiver_under_way():
+def overconfident_receiver_under_way():
     samples, fixes = data(road(330.0), seed=85, sigma=4.0, tau=20.0)
     return navigated(samples, silent(moved(fixes, 270.0, 1e9, 0.0, per_second=2.0)), HEADED)
 
@@ -292,14 +292,14 @@ def few_fixes():
     return navigated(samples, fixes[[5, -5]], HEADED)
 
 
-def contrary_velocity():
+def wrong_course():
     """The receiver's course is false for a while: its velocity contradicts its positions, and is not used."""
     samples, fixes = data(seed=19)
     fixes["course"][between(fixes, 70.0, 95.0)] += 1.6
     return navigated(samples, fixes, HEADED)
 
 
-def false_velocity_from_the_start():
+def wrong_velocity_from_the_start():
     """Constant, and not used before the heading; which of the two is wrong is decided after a minute."""
     samples, fixes = data(seed=51)
     fixes["speed"], fixes["course"] = 1.5, 0.3

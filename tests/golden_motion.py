@@ -48,7 +48,7 @@ def free_craft():
     return navigated(samples, fixes)
 
 
-def mounted_askew():
+def mounted_on_its_side():
     """The sensor stands on its side, and is told so by nobody; it is a free vehicle by its settings at first."""
     d, rng = road(), random(37)
     samples = sensed(d, rng, mount=Rotation.from_euler("ZYX", (130.0, -20.0, 80.0), degrees=True).inv())
@@ -91,7 +91,7 @@ def flight():
     return navigated(samples, fixes[~between(fixes, 75.0, 90.0)])
 
 
-def hammered():
+def vibrating_gyro_at_rest():
     """The sensor of a car that stands: the heading grows old without a turn, as all that shakes is noise."""
     samples, fixes = data(stop_and_go(), seed=61)
     shaken = np.flatnonzero(between(samples, 62.0, 78.0))
@@ -138,7 +138,7 @@ def turned_at_rest():
     return navigated(samples, fixes, HEADED)
 
 
-def force_that_creeps():
+def slow_change_of_force():
     """Slower than acceleration comes and goes: what the accelerometer shows at rest is no rest."""
     samples, fixes = idling(53)
     samples["f"][:, 0] += np.interp(seconds(samples), [50.0, 80.0, 90.0, 110.0], [0.0, 3.0, 3.0, 0.0])

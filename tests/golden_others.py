@@ -75,7 +75,7 @@ def stationary_without_height():
     return recording
 
 
-def ins9_on_a_device_that_tells_its_tilt():
+def ins9_with_device_tilt():
     """As a Crossbow does: the vertical in the body, beside rates and forces. The receiver reports no height."""
     recording = driven("ins9")
     recording.fixes["height"] = np.nan
@@ -195,6 +195,6 @@ CLASSES = (
     tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, riss_with_faults, riss_with_a_lever_arm, riss_with_wheels,
     riss_at_rest,
     gps_track_with_faults, ins9_with_faults, ins9_without_height, stationary_without_height,
-    ins9_on_a_device_that_tells_its_tilt, ins9_damaged_at_the_start, stationary_with_faults,
+    ins9_with_device_tilt, ins9_damaged_at_the_start, stationary_with_faults,
     stationary_damaged_at_the_start, suh_standard_turned_over, suh_adaptive_turned_over, suh_two_step_turned_over,
 )  # fmt: skip

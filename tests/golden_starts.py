@@ -12,12 +12,12 @@ def wrong_heading():
     return navigated(samples, fixes, Initial(yaw_deg=-120.0))
 
 
-def wrong_place():
+def wrong_initial_position():
     samples, fixes = data(seed=29)
     return navigated(samples, fixes, replace_initial(HEADED, lat_deg=47.0, lon_deg=10.0))
 
 
-def vague_heading():
+def uncertain_initial_heading():
     """The gyro's bias is not known as it starts under way, and the fixes come late: the given heading has grown old."""
     samples, fixes = data(road(rest=0.0, fast_start=True), seed=46)
     return navigated(samples, fixes[seconds(fixes) > 7.0], Initial(yaw_deg=70.0))
@@ -35,7 +35,7 @@ def start_in_free_fall():
     return navigated(samples, fixes)
 
 
-def everything_given():
+def all_initial_values():
     d = road(80.0, rest=0.0, fast_start=True)
     samples, fixes = data(d, seed=30)
     given = {"lat_deg": 48.0, "lon_deg": 11.0, "height_m": 500.0, "roll_deg": 0.0, "pitch_deg": 0.0}

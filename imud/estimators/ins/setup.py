@@ -64,12 +64,69 @@ TUNABLES = (
 )
 
 
+NEVER = {  # records of the core: their times that begin as NEVER_NS
+    "gnss": ("last_used_ns",),
+    "alignment": ("pair_start_ns", "last_match_ns", "low_motion_ns", "vector_start_ns"),
+    "nhc": ("waits_since_ns",),
+    "drift": ("onset_ns",),
+    "time_offset_step": ("onset_ns",),
+    "gyro_bias_step": ("onset_ns",),
+    "velocity_drift": ("onset_ns",),
+    "compass_offset": ("onset_ns",),
+    "heading_aid": ("last_ns", "last_used_ns", "agreeing_ns"),
+    "barometer": ("last_ns", "last_used_ns", "changed_ns"),
+    "magnetometer": ("last_ns", "since_ns", "contradicted_ns"),
+    "odometer": ("last_ns", "last_used_ns", "reading_ns"),
+    "pose": ("last_ns", "last_used_ns"),
+    "external_velocity": ("last_ns", "last_used_ns"),
+}
+
+
 def start(parameters: Records, initial: Initial) -> Records:
     """State (1 element) before the first sample; `initial`: attitude, position and velocity that the user gives."""
     p = parameters[0]
     t = p["tuning"]
     s = np.zeros(1, STATE)
     c = s["core"][0, 0]
+    for record, names in NEVER.items():
+        for name in names:
+            c[record][name] = NEVER_NS
+    for name in ("last_epoch_ns", "last_fusion_ns"):
+        s[name] = NEVER_NS
+    s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
+    s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS
+    s["source_ages"]["last_ns"] = NEVER_NS
+    s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)
+    s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
+    _begin_records(c, t)
+    sigmas = _unknown(p)
+    _set_given(s, sigmas, initial, t)
+    c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
+    return s
+
+
+def _begin_records(c: np.void, t: np.void) -> None:
+    """What does not begin with zero in the records of the core `c`; t: the tunables."""
+    c["nav"]["forward"], c["nav"]["lateral"] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    c["alignment"]["mode"] = COARSE_ALIGNMENT
+    c["alignment"]["heading_phasor"] = (1.0, 0.0)
+    c["gnss"]["speed"] = c["gnss"]["given_lever_arm"] = math.nan
+    c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
+    c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
+    c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
+    c["odometer"]["resolution"] = np.inf
+    c["odometer"]["used_share"] = t["odometer_min_used_share"]
+    c["external_velocity"]["used_share"] = t["external_velocity_min_share"]
+    c["pose"]["last_value"] = c["external_velocity"]["last_value"] = math.nan
+    psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
+    scale = np.array((t["velocity_noise_scale"], t["attitude_noise_scale"]))
+    c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd + scale**2)
+    c["process_noise"]["log_psd_covariance"] = np.array((1.0, 0.0, 1.0)) * t["process_noise_prior"] ** 2
+
+
+def _unknown(p: np.void) -> Floats:
+    """Sigmas of the error states of which the user gives nothing; p: the parameters."""
+    t = p["tuning"]
     sigmas = np.zeros(STATES)
     sigmas[POSITION : POSITION + 3] = 1e4
     sigmas[VELOCITY : VELOCITY + 3] = 10.0
@@ -85,47 +142,16 @@ def start(parameters: Records, initial: Initial) -> Records:
     sigmas[BARO_OFFSET] = t["baro_offset_sigma"]
     sigmas[ODOMETER_SCALE] = t["odometer_scale_sigma"]
     sigmas[GYRO_SCALE : GYRO_SCALE + 9] = p["gyro_scale"]
-    c["alignment"]["mode"] = COARSE_ALIGNMENT
-    c["nav"]["forward"] = (1.0, 0.0, 0.0)
-    c["nav"]["lateral"] = (0.0, 1.0, 0.0)
-    c["gnss"]["speed"] = math.nan
-    c["alignment"]["heading_phasor"] = (1.0, 0.0)
-    c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
-    c["drift"]["onset_ns"] = c["nhc"]["waits_since_ns"] = NEVER_NS
-    c["time_offset_step"]["onset_ns"] = c["gyro_bias_step"]["onset_ns"] = NEVER_NS
-    c["velocity_drift"]["onset_ns"] = c["compass_offset"]["onset_ns"] = NEVER_NS
-    c["heading_aid"]["agreeing_ns"] = c["heading_aid"]["last_used_ns"] = NEVER_NS
-    c["heading_aid"]["last_ns"] = c["barometer"]["last_ns"] = c["barometer"]["last_used_ns"] = c["barometer"][
-        "changed_ns"
-    ] = NEVER_NS
-    for name in ("last_ns", "since_ns", "contradicted_ns"):
-        c["magnetometer"][name] = NEVER_NS
-    for name in ("pose", "external_velocity"):
-        c[name]["last_ns"] = c[name]["last_used_ns"] = NEVER_NS
-        c[name]["last_value"] = math.nan
-    s["source_ages"]["last_ns"] = s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
-    s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS
-    s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)
-    s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
-    c["odometer"]["last_ns"] = c["odometer"]["last_used_ns"] = c["odometer"]["reading_ns"] = NEVER_NS
-    c["odometer"]["resolution"] = np.inf
-    c["odometer"]["used_share"] = t["odometer_min_used_share"]
-    c["external_velocity"]["used_share"] = t["external_velocity_min_share"]
-    c["gnss"]["given_lever_arm"] = math.nan
-    c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
-    psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
-    scale = np.array((t["velocity_noise_scale"], t["attitude_noise_scale"]))
-    c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd + scale**2)
-    c["process_noise"]["log_psd_covariance"] = np.array((1.0, 0.0, 1.0)) * t["process_noise_prior"] ** 2
-    c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
-    c["gnss"]["last_used_ns"] = s["last_epoch_ns"] = s["last_fusion_ns"] = NEVER_NS
-    for name in ("pair_start_ns", "last_match_ns", "low_motion_ns", "vector_start_ns"):
-        c["alignment"][name] = NEVER_NS
+    return sigmas
+
+
+def _set_given(s: Records, sigmas: Floats, initial: Initial, t: np.void) -> None:
+    """Begin the state `s` with what the user gives, and lower its sigmas; t: the tunables."""
+    c = s["core"][0, 0]
     angles = (initial.roll_deg, initial.pitch_deg, initial.yaw_deg)
     s["initial_rpy"] = [math.nan if a is None else math.radians(a) for a in angles]
     if initial.yaw_deg is not None:
-        sigmas[ATTITUDE + 2] = t["initial_heading_sigma"]
-        c["alignment"]["heading_sigma"] = t["initial_heading_sigma"]
+        sigmas[ATTITUDE + 2] = c["alignment"]["heading_sigma"] = t["initial_heading_sigma"]
     if initial.roll_deg is not None and initial.pitch_deg is not None:
         sigmas[ATTITUDE : ATTITUDE + 2] = t["initial_tilt_sigma"]
     if initial.lat_deg is not None and initial.lon_deg is not None:
@@ -134,13 +160,10 @@ def start(parameters: Records, initial: Initial) -> Records:
         c["gnss"]["fix_count"] = 1
         sigmas[POSITION : POSITION + 2] = t["initial_position_sigma"]
         sigmas[POSITION + 2] = t["initial_position_sigma"] if initial.height_m is not None else t["unknown_height"]
-    velocity = (initial.vn_mps, initial.ve_mps, initial.vd_mps)
-    for i, v in enumerate(velocity):
+    for i, v in enumerate((initial.vn_mps, initial.ve_mps, initial.vd_mps)):
         if v is not None:
             c["nav"]["v_n"][i] = v
             sigmas[VELOCITY + i] = t["initial_velocity_sigma"]
-    c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
-    return s
 
 
 def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:

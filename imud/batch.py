@@ -1,7 +1,7 @@
 """Whole arrays of samples, fixes and measurements through a filter: what `imud replay` of tables and the library do."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,17 @@ from .math.arrays import Records
 from .pipeline import Filter, innovation_buffer
 
 BLOCK = 4096  # samples: each costs some 20 us of Python
-_NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
+NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
 
 
-def _ignore(_: int) -> None:
+def ignore(_: int) -> None:
     pass
+
+
+def in_order_of_arrival(parts: Iterable[Records]) -> Records:
+    """The measurements (MEASUREMENT) of all parts."""
+    rows = np.concatenate([NO_MEASUREMENT, *parts])
+    return rows[np.argsort(rows["arrival_ns"], kind="stable")]
 
 
 def play(
@@ -26,8 +32,8 @@ def play(
     on_solutions: Callable[[Records], object],
     written: Records | None = None,
     on_innovations: Callable[[Records], object] | None = None,
-    aiding: Records | None = None,
-    on_progress: Callable[[int], None] = _ignore,
+    aiding: Records = NO_MEASUREMENT,
+    on_progress: Callable[[int], None] = ignore,
     each_second: Callable[[int], None] | None = None,
 ) -> int:
     """Feed everything in the order in which it became known: a fix goes in before the first sample not older than its
@@ -42,7 +48,7 @@ def play(
     out = np.zeros(min(BLOCK, len(samples)), SOLUTION)
     t_ns = samples["t_ns"].copy()  # one behind the other
     fixes, fix_before = _with_insertion_points(t_ns, fixes, first=1)
-    aiding, measurement_before = _with_insertion_points(t_ns, _NO_MEASUREMENT if aiding is None else aiding, first=0)
+    aiding, measurement_before = _with_insertion_points(t_ns, aiding, first=0)
     prepared = measurement_before[filter_.needing_place(aiding)]  # from the state then: each begins a block
     seconds = np.flatnonzero(np.diff(t_ns // PERIOD_NS, prepend=-1))[: None if each_second else 0] + 1
     edges = np.unique(np.concatenate([np.arange(0, len(samples), BLOCK), prepared, seconds, [len(samples)]]))

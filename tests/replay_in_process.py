@@ -14,7 +14,7 @@ from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import FIX, INNOVATION
 from imud.pipeline import Filter
-from imud.smoothing import Forward, smooth
+from imud.smoothing import play_smoothed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,8 +48,6 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
 
 def smoothed_solutions(filter_: Filter, samples: Records) -> Records:
     """Those of `imud replay --smooth`, without fixes. `samples` stay as they are."""
-    forward, turned = Forward(filter_), samples.copy()
     rows: list[Records] = []
-    play(filter_, turned, NO_FIXES, forward.take)
-    smooth(forward, turned, NO_FIXES, None, lambda block: rows.append(block.copy()))
+    play_smoothed(filter_, samples.copy(), NO_FIXES, lambda block: rows.append(block.copy()))
     return np.concatenate(rows)

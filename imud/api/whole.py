@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..batch import play
+from ..batch import in_order_of_arrival, play
 from ..errors import UsageError
 from ..estimators import registry
 from ..estimators.records import FIX, INNOVATION
@@ -117,23 +117,12 @@ def _run(
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
-    measurements = _in_order(measured) if measured else None
 
     def take(block: Records) -> None:
         rows.append(block.copy())
 
+    player = play
     if smooth:
-        from ..smoothing import Forward
-        from ..smoothing import smooth as smooth_all
-
-        forward = Forward(filter_)
-        play(filter_, samples, fixes, forward.take, on_innovations=innovations.append, aiding=measurements)
-        smooth_all(forward, samples, fixes, measurements, take)
-    else:
-        play(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=measurements)
+        from ..smoothing import play_smoothed as player
+    player(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=in_order_of_arrival(measured))
     return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)
-
-
-def _in_order(measured: list[Records]) -> Records:
-    rows = np.concatenate(measured)
-    return rows[np.argsort(rows["arrival_ns"], kind="stable")]

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..estimators.aiding_source import AidingSource
     from ..math.arrays import Records
-    from ..pipeline import Filter
     from ..tables.inputs import SkippedRows
 
 _PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
     settings = config.load(args.config, args.set)
     initial = config.initial_of(settings, args.initial)
-    from ..batch import play
+    from ..batch import in_order_of_arrival, play
     from ..estimators import registry
     from ..pipeline import Filter
     from ..sensor_errors import calibration
@@ -108,10 +107,15 @@ def run(args: argparse.Namespace) -> int:
     samples, origin, skipped = read_imu(args.imu, left_out[0])
     fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    aiding = _merged(_read_aiding(sources, origin), _readings(args.gnss, origin, samples, settings, estimator))
+    aiding = in_order_of_arrival(
+        (*_read_aiding(sources, origin), *_readings(args.gnss, origin, samples, settings, estimator))
+    )
     filter_ = Filter(estimator, settings, initial, rate_hz)
     if args.calibration is not None:
         filter_.calibrate(calibration.read(args.calibration))
+    player = play
+    if args.smooth:
+        from ..smoothing import play_smoothed as player
     begin = time.perf_counter()
     with open_output(args.output) as file:
         writer = EstimateWriter(file, origin)
@@ -120,14 +124,7 @@ def run(args: argparse.Namespace) -> int:
         progress = Progress(len(samples))
         states = FilterStates()
         each_second = None if args.states is None else partial(states.take, filter_)
-        if args.smooth:
-            fed = _smooth(
-                filter_, samples, fixes, aiding, mask, writer.write, innovations.append, progress.at, each_second
-            )
-        else:
-            fed = play(
-                filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at, each_second
-            )
+        fed = player(filter_, samples, fixes, writer.write, mask, innovations.append, aiding, progress.at, each_second)
     if args.innovations is not None:
         _write_innovations(args.innovations, origin, innovations)
     if args.states is not None:
@@ -140,40 +137,6 @@ def run(args: argparse.Namespace) -> int:
     left_out[0].judge(len(samples))
     left_out[1].judge(len(fixes))
     return 0
-
-
-def _smooth(
-    filter_: "Filter",
-    samples: "Records",
-    fixes: "Records",
-    aiding: "Records | None",
-    mask: Any,
-    write: Any,
-    note: Any,
-    advance: Any,
-    each_second: Any,
-) -> int:
-    """As `play`, and then backward in time."""
-    from ..batch import play
-    from ..smoothing import Forward, smooth
-
-    forward = Forward(filter_)
-    fed = play(filter_, samples, fixes, forward.take, None, note, aiding, advance, each_second)
-    kept = Kept(mask)
-    smooth(forward, samples, fixes, aiding, lambda solutions: write(kept.of(solutions)))
-    return fed
-
-
-class Kept:
-    """The rows of a mask, in blocks that follow each other; mask None: all."""
-
-    def __init__(self, mask: Any) -> None:
-        self._mask, self._done = mask, 0
-
-    def of(self, rows: "Records") -> "Records":
-        """Of the next block."""
-        start, self._done = self._done, self._done + len(rows)
-        return rows if self._mask is None else rows[self._mask[start : self._done]]
 
 
 def _write_innovations(path: Path, origin: int, innovations: "list[Records]") -> None:
@@ -213,34 +176,23 @@ def _sources(named: list[str], estimator: "Estimator") -> "list[tuple[AidingSour
     return found
 
 
-def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Records | None":
-    """Measurements of all sources in order of arrival; None: there is no source."""
+def _read_aiding(sources: "list[tuple[AidingSource, Path]]", origin: int) -> "Iterator[Records]":
+    """Measurements of each source."""
     from ..tables.inputs import SkippedRows, read_aiding
 
-    return _merged(*(read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources))
+    return (read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources)
 
 
 def _readings(
     path: Path | None, origin: int, samples: "Records", settings: Settings, estimator: "Estimator"
-) -> "Records | None":
-    """Measurements in a receiver's log of NMEA sentences; None: it is no such log, or there are none in it."""
+) -> "Iterator[Records]":
+    """Measurements in a receiver's log, if that is one of NMEA sentences."""
     from ..tables.lines import is_nmea
 
-    if path is None or not estimator.sources or not is_nmea(path):
-        return None
-    from ..tables.nmea_readings import readings_of_log
+    if path is not None and estimator.sources and is_nmea(path):
+        from ..tables.nmea_readings import readings_of_log
 
-    found = readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
-    return found if len(found) else None
-
-
-def _merged(*parts: "Records | None") -> "Records | None":
-    """Measurements of all parts in order of arrival; None: there are none."""
-    there = [part for part in parts if part is not None]
-    if not there:
-        return None
-    measurements = np.concatenate(there)
-    return measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
+        yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
 
 
 def _unit_warnings(samples: "Records") -> Iterator[str]:

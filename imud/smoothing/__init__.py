@@ -9,6 +9,6 @@ estimates of each sample are averaged by their variances. `reversal` turns time 
 does the whole.
 """
 
-from .two_filter import Forward, Segments, smooth
+from .two_filter import Segments, play_smoothed
 
-__all__ = ["Forward", "Segments", "smooth"]
+__all__ = ["Segments", "play_smoothed"]

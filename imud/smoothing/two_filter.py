@@ -1,7 +1,6 @@
 """The whole of smoothing: collect the forward run, run backward, average.
 
-    forward = Forward(filter_)                  # play with forward.take as `write`
-    smooth(forward, samples, fixes, aiding, write)
+`play_smoothed` is `batch.play` with smoothing; `Segments` takes a run as it comes.
 
 A whole drive need not fit into memory: rows are in temporary files (456 bytes a sample; `TMPDIR` chooses the disk).
 """
@@ -15,7 +14,7 @@ import numpy as np
 
 from imud.drivers.sample import SAMPLE
 
-from ..batch import play
+from ..batch import NO_MEASUREMENT, ignore, play
 from ..configuration.settings import Initial
 from ..errors import UsageError
 from ..estimators.records import (
@@ -81,7 +80,7 @@ def smooth(
     forward: Forward,
     samples: Records,
     fixes: Records,
-    measurements: Records | None,
+    measurements: Records,
     write: Callable[[Records], None],
 ) -> None:
     """Write the smoothed solutions (SOLUTION) in blocks, first to last.
@@ -99,16 +98,37 @@ def smooth(
     for block in reversed_samples(samples, solutions, forward.filter.estimator.rates_of_interval):
         turned.append(block)
     filter_ = _backward_filter(forward.filter, solutions[-1])
-    aiding = (
-        None
-        if measurements is None
-        else reversed_measurements(forward.at_their_ages(measurements), filter_.estimator.sources, end_ns)
-    )
+    aiding = reversed_measurements(forward.at_their_ages(measurements), filter_.estimator.sources, end_ns)
     play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delays_s(fixes)), past.append, aiding=aiding)
     backward = past.array()[::-1]
     for start in range(0, len(solutions), BLOCK):
         part = slice(start, start + BLOCK)
         write(combined(solutions[part], backward[part]))
+
+
+def play_smoothed(
+    filter_: Filter,
+    samples: Records,
+    fixes: Records,
+    on_solutions: Callable[[Records], object],
+    written: Records | None = None,
+    on_innovations: Callable[[Records], object] | None = None,
+    aiding: Records = NO_MEASUREMENT,
+    on_progress: Callable[[int], None] = ignore,
+    each_second: Callable[[int], None] | None = None,
+) -> int:
+    """As `batch.play`, but the solutions are smoothed; all else is of the run forward in time. Raises UsageError."""
+    forward = Forward(filter_)
+    fed = play(filter_, samples, fixes, forward.take, None, on_innovations, aiding, on_progress, each_second)
+    done = 0
+
+    def write(rows: Records) -> None:
+        nonlocal done
+        on_solutions(rows if written is None else rows[written[done : done + len(rows)]])
+        done += len(rows)
+
+    smooth(forward, samples, fixes, aiding, write)
+    return fed
 
 
 class Segments:
@@ -141,14 +161,8 @@ class Segments:
     def finish(self) -> None:
         """No more samples: smooth the last segment."""
         if self._forward is not None:
-            measurements = self._measurements.array()
-            smooth(
-                self._forward,
-                self._samples.array(),
-                self._fixes.array(),
-                measurements if len(measurements) else None,
-                self._write,
-            )
+            samples, fixes, measurements = self._samples.array(), self._fixes.array(), self._measurements.array()
+            smooth(self._forward, samples, fixes, measurements, self._write)
             self._forward = None
 
 

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
-from imud.batch import play
+from imud.batch import NO_MEASUREMENT, in_order_of_arrival, play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import MAGNETOMETER_SOURCE
@@ -28,9 +26,8 @@ def aiding(seconds: int, rounds: int) -> Section:
     each = [signals.measurements(seconds, source.kind) for source in known]
     late = each[0].copy()
     late["arrival_ns"] += _LATE_NS
-    together = np.concatenate(each)
-    together = together[np.argsort(together["arrival_ns"], kind="stable")]
-    turns = Turns(rounds, *(_replay(seconds, rows) for rows in (None, *each, late, together)))
+    together = in_order_of_arrival(each)
+    turns = Turns(rounds, *(_replay(seconds, rows) for rows in (NO_MEASUREMENT, *each, late, together)))
     sample_s = turns.median(0) / (seconds * signals.RATE_HZ)
     for i, source in enumerate(known, 1):
         cost = (turns.median(i) - turns.median(0)) / len(each[0]) / sample_s
@@ -43,7 +40,7 @@ def aiding(seconds: int, rounds: int) -> Section:
     return section
 
 
-def _replay(seconds: int, measurements: Records | None) -> Callable[[], float]:
+def _replay(seconds: int, measurements: Records) -> Callable[[], float]:
     samples, fixes = signals.samples(seconds * signals.RATE_HZ), signals.fixes(seconds)
 
     def run_once() -> float:

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import select
-import signal
 import socket
 import subprocess
 import tempfile
@@ -26,15 +25,13 @@ from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
 from imud.outputs.addresses import parse_address
-from imud.process.python import python_command
 from imud.setup import config
 
 from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
+from .processes import daemon, emulator, process, subscribe
 from .screen import Display, summary
 
-_RATE_HZ = 20
-_START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine
 _SILENCE_S = 30.0
 
 
@@ -59,40 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--web", action="store_true", help="show it live in a browser: see `imud web`")
     parser.add_argument("--no-gnss", action="store_true", help="the inertial sensor alone: attitude only")
     add_settings(parser)
-
-
-@contextlib.contextmanager
-def process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """An imud process, ended with the block."""
-    process = subprocess.Popen(python_command("imud", *arguments), text=True, **options)
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGTERM)
-        try:
-            process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str], log: Path) -> None:
-    """Wait for the daemon's READY=1, as a service manager does."""
-    deadline = time.monotonic() + _START_S
-    while time.monotonic() < deadline:
-        if daemon.poll() is not None:
-            raise ImudError(f"demo: the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
-        if select.select([notifications], [], [], 0.5)[0] and b"READY=1" in notifications.recv(4096):
-            return
-    raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
-
-
-def subscribe(path: Path) -> socket.socket:
-    client = socket.socket(socket.AF_UNIX)
-    client.connect(str(path))
-    watch = {"enable": True, "json": True, "rate": _RATE_HZ, "class": "EST"}
-    client.sendall(b"?WATCH=" + json.dumps(watch).encode() + b"\n")
-    return client
 
 
 def _estimates(client: socket.socket) -> Iterator[dict[str, Any]]:
@@ -130,31 +93,21 @@ def run(args: argparse.Namespace) -> int:
         print("imud demo: starting the emulator and the daemon", flush=True)
         recordings = _recordings_folder() if args.web else None
         log_file = stack.enter_context(log.open("w"))
-        notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-        notifications.bind(str(base / "notify"))
-        daemon = stack.enter_context(
-            process(
-                *("run", *(f"--port={link}{aids.driver(link.name)}" for link in links), f"--listen={listen}"),
-                *(f"--set={assignment}" for assignment in assignments),
-                *((f"--config={args.config.absolute()}",) if args.config else ()),
-                *(("--set", f"record.folder={json.dumps(str(recordings))}") if recordings else ()),
-                *(f"--set={assignment}" for assignment in args.set),
-                stderr=log_file,
-                env={**os.environ, "NOTIFY_SOCKET": str(base / "notify"), **aids.environment(base)},
-            )
-        )
-        wait_until_ready(notifications, daemon, log)
+        if recordings:
+            assignments = [*assignments, f"record.folder={json.dumps(str(recordings))}"]
+        options = [
+            *(f"--port={link}{aids.driver(link.name)}" for link in links),
+            *(f"--set={assignment}" for assignment in (*assignments, *args.set)),
+            *((f"--config={args.config.absolute()}",) if args.config else ()),
+            f"--listen={listen}",
+        ]
+        stack.enter_context(daemon(base, log, aids.environment(base), *options, stderr=log_file))
         client = stack.enter_context(subscribe(listen))
-        emulator = stack.enter_context(
-            process(
-                *("sim", *devices, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
-                *("--faults", args.faults, *emulation),
-                *(item for link in links for item in ("--link", str(link))),
-                stdout=subprocess.PIPE,
-                stderr=log_file,
-            )
+        drive = args.scenario, args.seed, args.faults, truth_file
+        emulated = stack.enter_context(
+            emulator(devices, links, *drive, *emulation, stdout=subprocess.PIPE, stderr=log_file)
         )
-        _first_line(emulator, "the emulator", log)
+        _first_line(emulated, "the emulator", log)
         if args.web:
             page = ("web", "--listen=127.0.0.1:0", str(listen))
             page_process = stack.enter_context(process(*page, stdout=subprocess.PIPE, stderr=log_file))

@@ -8,11 +8,9 @@ configuration is read again, the wall clock jumps. The table shows what the sens
 import argparse
 import contextlib
 import json
-import os
 import re
 import select
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -26,7 +24,8 @@ from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
 
 if TYPE_CHECKING:
-    from .received import EstimateReader, StreamReader
+    from .received import Counts, EstimateReader, StreamReader
+    from .table import Losses
     from .troubles import Troubles
 
 FAULTS = "imu:unplug@40-43/150,reset@100/150;gnss:unplug@70-75/150,loss@120-130/150"
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> int:
-    from ..demo import process, subscribe, wait_until_ready
+    from ..demo.processes import daemon, emulator, subscribe
     from . import table
     from .received import EstimateReader, StreamReader, status_of, take_priority_of
     from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock, require_ended_well
@@ -86,42 +85,30 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
     print(f"imud soak: {args.minutes:g} min, faults {args.faults or 'none'}", flush=True)
     if clock.missing:
         print(f"imud soak: no clock steps: {clock.missing}", flush=True)
-    notifications = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-    notifications.bind(str(base / "notify"))
-    own = {"NOTIFY_SOCKET": str(base / "notify"), "XDG_RUNTIME_DIR": str(base), "XDG_STATE_HOME": str(base)}
-    daemon = stack.enter_context(
-        process(
-            *("run", *(f"--port={link}" for link in links), f"--listen={gpsd}", f"--config={settings}"),
-            *(f"--set={assignment}" for assignment in chosen),
-            stderr=stack.enter_context(log.open("w")),
-            env={**os.environ, **own, **clock.environment},
-            start_new_session=True,  # as a service: the scheduler gives each session its share (sched(7), autogroup)
-        )
-    )
-    wait_until_ready(notifications, daemon, log)
+    environment = {"XDG_RUNTIME_DIR": str(base), "XDG_STATE_HOME": str(base), **clock.environment}
+    options = [*(f"--port={link}" for link in links), *(f"--set={assignment}" for assignment in chosen)]
+    options += [f"--listen={gpsd}", f"--config={settings}"]
+    logs = [stack.enter_context(path.open("w")) for path in (log, emulator_log)]
+    session: dict[str, Any] = {"start_new_session": True}  # as a service: each has its share (sched(7), autogroup)
+    served = stack.enter_context(daemon(base, log, environment, *options, stderr=logs[0], **session))
     reader = stack.enter_context(contextlib.closing(StreamReader(stream)))
     estimates = EstimateReader(stack.enter_context(subscribe(gpsd)), truth_file)
-    emulator = stack.enter_context(
-        process(
-            *("sim", *_DEVICES, "--scenario", args.scenario, "--seed", str(args.seed), "--truth", str(truth_file)),
-            *("--faults", args.faults, *(item for link in links for item in ("--link", str(link)))),
-            stdout=subprocess.DEVNULL,
-            stderr=stack.enter_context(emulator_log.open("w")),
-            start_new_session=True,
-        )
+    drive = args.scenario, args.seed, args.faults, truth_file
+    emulated = stack.enter_context(
+        emulator(_DEVICES, links, *drive, stdout=subprocess.DEVNULL, stderr=logs[1], **session)
     )
-    for pid in (emulator.pid, reader.pid):
-        take_priority_of(daemon.pid, pid)
+    for pid in (emulated.pid, reader.pid):
+        take_priority_of(served.pid, pid)
     clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
-    troubles = Troubles(daemon, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
+    troubles = Troubles(served, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
     print(table.HEAD, flush=True)
     memory: list[int] = []
-    waits = ProcessorWaits({"daemon": daemon.pid, "emulator": emulator.pid, "client": reader.pid})
+    waits = ProcessorWaits({"daemon": served.pid, "emulator": emulated.pid, "client": reader.pid})
     row_s = _ROW_S
     with contextlib.suppress(KeyboardInterrupt):
         for elapsed_s in _turns(60.0 * args.minutes, reader, estimates, troubles):
             clients.flood()
-            require_ended_well(daemon, log)
+            require_ended_well(served, log)
             status = status_of(gpsd)
             memory.append(status["memory_bytes"])
             waits.update()
@@ -130,26 +117,29 @@ def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> 
                 print(table.row(elapsed_s, status, reader.counts()), flush=True)
     if memory:  # the rest of a minute, or a short run's only line
         print(table.row(elapsed_s, status, reader.counts()), flush=True)
-    emulator.send_signal(signal.SIGTERM)
-    emulator.wait(10.0)
+    emulated.send_signal(signal.SIGTERM)
+    emulated.wait(10.0)
     end_s = time.monotonic() + _SETTLE_S
     while time.monotonic() < end_s:
         _wait(estimates, 0.1)
     states = reader.counts()
     if not states.count:
         raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
-    emulated = emulator_log.read_text()
-    damaged, waited, written = (each.search(emulated) for each in (_DAMAGED, _WAITED, _WRITTEN))
-    made = table.losses(status_of(gpsd), states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
-    made = replace(made, emulator_late_ms=written[1]) if written else made
+    made = _losses(status_of(gpsd), states, emulator_log.read_text())
     print(table.summary(made, states, estimates.comparison, troubles.counts, memory, waits.waits))
     if states.longest_gap_s > _LONG_GAP_S:
-        print(
-            "\nof the daemon's log, as the sensor was away for long:",
-            *table.lines_of_port(log.read_text(), "g350"),
-            sep="\n",
-        )
+        print("\nof the daemon's log, as the sensor was away for long:")
+        print(*table.lines_of_port(log.read_text(), "g350"), sep="\n")
     return 1 if made.lost or made.internal_errors else 0
+
+
+def _losses(status: dict[str, Any], states: "Counts", emulated: str) -> "Losses":
+    """Who lost what. emulated: the emulator's log."""
+    from . import table
+
+    damaged, waited, written = (each.search(emulated) for each in (_DAMAGED, _WAITED, _WRITTEN))
+    made = table.losses(status, states, int(damaged[1]) if damaged else 0, float(waited[1]) if waited else 0.0)
+    return replace(made, emulator_late_ms=written[1]) if written else made
 
 
 def _turns(seconds: float, reader: "StreamReader", estimates: "EstimateReader", troubles: "Troubles") -> Any:

@@ -29,10 +29,11 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 # The files that take longest come first: what begins late is waited for at the end. Those of daemons wait most of their
 # time, the others compute: so the two kinds alternate, and there are more workers than processors.
 FIRST = (
-    *("faults_daemon", "navigation_matching", "plugins", "daemon_spares", "golden_coverage", "daemon", "recording"),
-    *("consistency", "daemon_seraccel", "mutate", "daemon_iio", "compile_library", "sim_iio_polled", "c_reference"),
-    *("foxglove", "calibrate_recordings", "aiding_live", "riss", "probe", "fuzz", "hot_path", "web", "soak", "clock"),
-    *("demo", "same_bits", "status", "navigation_magnetometer", "sim_ports", "power_on", "ros2_node", "golden"),
+    *("faults_daemon", "navigation_heading_posterior", "plugins", "daemon_spares", "golden_coverage", "daemon"),
+    *("recording", "consistency", "daemon_seraccel", "mutate", "daemon_iio", "compile_library", "sim_iio_polled"),
+    *("c_reference", "foxglove", "calibrate_recordings", "aiding_live", "riss", "probe", "fuzz", "hot_path", "web"),
+    *("soak", "clock", "demo", "same_bits", "status", "navigation_magnetometer", "sim_ports", "power_on"),
+    *("ros2_node", "golden"),
 )
 
 

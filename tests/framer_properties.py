@@ -13,6 +13,18 @@ CAPACITY = st.integers(1, 7)
 KEPT = 64  # bytes that a kernel may keep
 
 
+def with_damage(frame, kind, at, inserted=0x55):
+    """A frame with its byte `at` deleted, one `inserted` before it, or a bit of it flipped ("delete", "insert", …)."""
+    middle = bytearray(frame)
+    if kind == "delete":
+        del middle[at]
+    elif kind == "insert":
+        middle.insert(at, inserted)
+    else:
+        middle[at] ^= 0x40
+    return bytes(middle)
+
+
 class Decoder:
     """A driver's kernel with its buffers; collects samples."""
 

@@ -133,3 +133,8 @@ def silent_tty() -> Iterator[tuple[int, str]]:
     finally:
         os.close(master)
         os.close(slave)
+
+
+def is_settled(message):
+    """Whether it is an estimate of attitude and gyro bias."""
+    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sbgx_dps", 1.0) < 0.1

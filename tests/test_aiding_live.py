@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import select
 import socket
 import subprocess
 import sys
@@ -109,17 +110,9 @@ def test_only_this_machine_may_send(text):
         address_of(text)
 
 
-class Poller:
-    def register(self, fd, mask):
-        pass
-
-    def unregister(self, fd):
-        pass
-
-
 @pytest.mark.parametrize("udp", [False, True])
 def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
-    listening = AidingSocket("127.0.0.1:0" if udp else str(tmp_path / "aiding"), Poller())
+    listening = AidingSocket("127.0.0.1:0" if udp else str(tmp_path / "aiding"), select.poll())
     with AidingSender(listening.address) as sender:
         assert sender.send("HDG", heading=12.5)
         [data] = listening.datagrams()
@@ -132,7 +125,7 @@ def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
 
 
 def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):
-    with contextlib.closing(AidingSocket(str(tmp_path / "aiding"), Poller())) as listening:
+    with contextlib.closing(AidingSocket(str(tmp_path / "aiding"), select.poll())) as listening:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
             for _ in range(4):
                 sender.sendto(b"[]\n" * (LONGEST // 3), str(tmp_path / "aiding"))

@@ -18,6 +18,7 @@ from framer_properties import (
     check_last_byte,
     damaged_streams,
     is_subsequence,
+    with_damage,
 )  # fmt: skip
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -101,21 +102,14 @@ def test_good_packets_after_a_bad_one_are_neither_lost_nor_held_back(before, noi
 def test_damage_at_every_byte_costs_exactly_that_packet(kind):
     for at in range(24):
         frames = [packet((k, -k, 3 * k, 100 + k, -k, 9000 - k), -k * SPACING) for k in range(60)]
-        middle = bytearray(frames[40])
-        if kind == "delete":
-            del middle[at]
-        elif kind == "insert":
-            middle.insert(at, 0x3C)
-        else:
-            middle[at] ^= 0x40
-        frames[40] = bytes(middle)
+        frames[40] = with_damage(frames[40], kind, at, 0x3C)
         decoding = decoder().feed(b"".join(frames))
         whole = {("insert", 0): True}.get((kind, at), False)  # the byte stands before the packet, which is whole
         expected = [k for k in range(60) if k != 40 or whole]
         assert [content(sample)[0] for sample in decoding.samples] == [3 * k for k in expected], at
         assert decoding.ticks == [k * SPACING for k in expected]
         assert decoding["lost"] == 60 - len(expected)
-        assert decoding["junk"] == len(middle) - 24 * whole
+        assert decoding["junk"] == len(frames[40]) - 24 * whole
         assert decoding["bad"] == 1
 
 

@@ -15,7 +15,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from processes import TIMEOUT_S, daemon, emulator, process, silent_tty
+from processes import TIMEOUT_S, daemon, emulator, is_settled, process, silent_tty
 
 from imud import client
 from imud.commands import main
@@ -23,10 +23,6 @@ from imud.commands import main
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.3,-0.3,0.3")
 EVERY = 20  # of the states, so that the kernel keeps seconds of them for a reader that gets no processor time
 OVERLOAD = "cannot keep up"  # says a daemon that for a while has no time to publish
-
-
-def is_settled(message):
-    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sbgx_dps", 1.0) < 0.1
 
 
 def test_attitude_and_bias_of_a_still_sensor(tmp_path):

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import TIMEOUT_S, daemon
+from processes import TIMEOUT_S, daemon, is_settled
 
 ROOT = Path(__file__).resolve().parents[1]
 STAND_IN = ROOT / "firmware_sim" / "stand_in"
@@ -21,10 +21,6 @@ def bench(monkeypatch):
     path = os.pathsep.join(filter(None, [str(ROOT), str(STAND_IN), os.environ.get("PYTHONPATH")]))
     monkeypatch.setenv("PYTHONPATH", path)
     return lambda devices: monkeypatch.setenv("IMUD_SIM", devices)
-
-
-def is_settled(message):
-    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sbgx_dps", 1.0) < 0.1
 
 
 @pytest.mark.parametrize(

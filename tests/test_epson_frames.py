@@ -14,6 +14,7 @@ from framer_properties import (
     check_last_byte,
     damaged_streams,
     is_subsequence,
+    with_damage,
 )
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -160,14 +161,7 @@ MIDDLE, TOTAL = 40, 60
 
 def edited(kind, at, length):
     frames = [frame((k, -k, 3 * k, 100 + k, -k, 8000 - k), 2 * k if length == 22 else None) for k in range(TOTAL)]
-    middle = bytearray(frames[MIDDLE])
-    if kind == "delete":
-        del middle[at]
-    elif kind == "insert":
-        middle.insert(at, 0x55)
-    else:
-        middle[at] ^= 0x40
-    frames[MIDDLE] = bytes(middle)
+    frames[MIDDLE] = with_damage(frames[MIDDLE], kind, at)
     return frames
 
 

@@ -14,6 +14,7 @@ from framer_properties import (
     check_last_byte,
     damaged_streams,
     is_subsequence,
+    with_damage,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -214,14 +215,8 @@ CALM = [(k % 5, -(k % 3), k % 7, 2, 3, 8000 + k % 4) for k in range(80)]
 
 def edited(edit, at, length):
     frames = [frame([v << 16 for v in w] if length == WIDE else w, 2 * k, length=length) for k, w in enumerate(CALM)]
-    piece = bytearray(frames[MIDDLE])
-    if edit == "delete":
-        del piece[at]
-    elif edit == "insert":
-        piece.insert(at, 0x80)
-    else:
-        piece[at] ^= 0x40
-    return [*frames[:MIDDLE], bytes(piece), *frames[MIDDLE + 1 :]]
+    frames[MIDDLE] = with_damage(frames[MIDDLE], edit, at, 0x80)
+    return frames
 
 
 @pytest.mark.parametrize(

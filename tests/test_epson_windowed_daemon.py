@@ -1,13 +1,9 @@
 """Emulated windowed sensors on pseudo-terminals and the daemon, end to end."""
 
 import pytest
-from processes import TIMEOUT_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator, is_settled
 
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.05,-0.05,0.05")
-
-
-def is_settled(message):
-    return message["class"] == "EST" and "aligning" not in message["state"] and message.get("sbgx_dps", 1.0) < 0.1
 
 
 @pytest.mark.parametrize(

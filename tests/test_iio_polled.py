@@ -40,14 +40,6 @@ CHIPS = {  # folder: attributes, as Documentation/ABI/testing/sysfs-bus-iio has 
 }
 
 
-class Poller:
-    def register(self, fd, mask):
-        pass
-
-    def unregister(self, fd):
-        pass
-
-
 @pytest.fixture(autouse=True)
 def sysfs(tmp_path, monkeypatch):
     root = tmp_path / "iio"
@@ -97,7 +89,7 @@ def test_a_reading_that_fails_now_and_then_costs_itself_only(sysfs, monkeypatch)
         return read(sensor)
 
     monkeypatch.setattr(PolledSensor, "read", fails_every_third_time)
-    reader = IioReader(("bmp280",), 50.0, Poller())
+    reader = IioReader(("bmp280",), 50.0, select.poll())
     try:
         begin = next(count)
         assert len(received(reader, 20)) >= 20
@@ -114,7 +106,7 @@ def test_one_that_is_not_there_names_those_that_are():
 
 def test_the_reader_sends_what_other_programs_would_send_and_finds_what_comes_later(sysfs):
     pressure = sysfs / "iio:device0/in_pressure_raw"
-    reader = IioReader(("bmp280", "ak8975"), 50.0, Poller())
+    reader = IioReader(("bmp280", "ak8975"), 50.0, select.poll())
     try:
         first = {each["class"]: each for each in received(reader, 6)}
         assert first["BARO"]["pressure"] == pytest.approx(99343.64, abs=0.1)

@@ -7,7 +7,7 @@ from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter
 from scipy.spatial.transform import Rotation
 from test_navigation_aiding import headings
-from test_navigation_stamps import RATE
+from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
 
 from imud.batch import play

@@ -13,6 +13,7 @@ from framer_properties import (
     check_last_byte,
     damaged_streams,
     is_subsequence,
+    with_damage,
 )  # fmt: skip
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -203,14 +204,7 @@ def test_damage_at_every_offset_costs_at_most_that_line_and_a_tick_each(form, ki
     frames = [form(row) for row in values]
     whole = [sample["f"].tolist() for sample in decoder().feed(b"".join(frames)).samples]
     for at in range(len(frames[30])):
-        middle = bytearray(frames[30])
-        if kind == "delete":
-            del middle[at]
-        elif kind == "insert":
-            middle.insert(at, 0x55)
-        else:
-            middle[at] ^= 0x40
-        got = decoder().feed(b"".join([*frames[:30], bytes(middle), *frames[31:]]))
+        got = decoder().feed(b"".join([*frames[:30], with_damage(frames[30], kind, at), *frames[31:]]))
         forces = [sample["f"].tolist() for sample in got.samples]
         others = forces if len(forces) == 39 else forces[:30] + forces[31:]
         assert others == whole[:30] + whole[31:], at

@@ -53,34 +53,38 @@ class EstimatorSelection:
         self.estimator, why = self.choice.estimator_for(configured)
         if why:
             self._warn(why)
+        serial = configured.identity.serial
         about_hz = round(math.log(configured.rate_hz) / RATE_STEP)  # a rate that was heard varies a little
         made_for = (driver.name, self.estimator.name, settings.imu.profile, settings.imu.mount_rpy_deg, about_hz)
-        same = made_for == self._made_for and self._is_same(configured.identity.serial, port)
-        serial = configured.identity.serial
-        same_power = configured.still_powered and bool(serial)  # no twin of it
-        if self.inertial is not None:
-            same_power = same_power and same and bool(self._serial)
+        same = made_for == self._made_for and self._is_same(serial, port)
+        no_twin = bool(serial) and (self.inertial is None or (same and bool(self._serial)))
         self._serial, self._port = serial, port
-        goes_on = self.inertial is not None and same and self.estimator.survives_power_on
-        fresh = self.inertial is None or not goes_on or now_ns - self.inertial.last_data_ns > AWAY_NS
-        if self.inertial is None or fresh:
-            filter_ = Filter(self.estimator, settings, self._start(settings), configured.rate_hz)
-            if self._initial != _UNKNOWN:
-                stored = replace(stored, checkpoint=b"")
-            self._initial = _UNKNOWN
-            pipeline = InertialPipeline(driver, driver.new_state(configured), filter_)
-            pipeline.record["count"] = self.inertial.samples if self.inertial else 0
-            self.inertial = Inertial(pipeline)
-            self._made_for = made_for
-        filter_ = self.inertial.pipeline.filter
-        filter_.configure(settings)
-        filter_.calibrate(calibration)
-        if fresh:
-            self.resumed = filter_.restore(stored)
-        again = self.resumed or self.inertial.newest is not None
-        flags = RECONNECTED if same_power else POWER_ON
-        self.inertial.connect(line, driver, configured, now_ns, flags if again else 0)
-        return self.inertial
+        inertial = self.inertial if same and self.estimator.survives_power_on else None
+        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS:
+            self._set_up(inertial, settings, calibration)
+        else:
+            is_given = self._initial != _UNKNOWN  # newer than what an earlier run has stored
+            inertial = self._begin(driver, configured, settings)
+            self._initial, self._made_for = _UNKNOWN, made_for
+            self._set_up(inertial, settings, calibration)
+            self.resumed = inertial.pipeline.filter.restore(replace(stored, checkpoint=b"") if is_given else stored)
+        self.inertial = inertial
+        again = self.resumed or inertial.newest is not None
+        flags = RECONNECTED if configured.still_powered and no_twin else POWER_ON
+        inertial.connect(line, driver, configured, now_ns, flags if again else 0)
+        return inertial
+
+    def _begin(self, driver: ImuDriver, configured: ImuConfigured, settings: Settings) -> Inertial:
+        """The sensor with a new filter; the count of samples goes on."""
+        filter_ = Filter(self.estimator, settings, self._start(settings), configured.rate_hz)
+        pipeline = InertialPipeline(driver, driver.new_state(configured), filter_)
+        pipeline.record["count"] = self.inertial.samples if self.inertial else 0
+        return Inertial(pipeline)
+
+    @staticmethod
+    def _set_up(inertial: Inertial, settings: Settings, calibration: Calibration) -> None:
+        inertial.pipeline.filter.configure(settings)
+        inertial.pipeline.filter.calibrate(calibration)
 
     def _start(self, settings: Settings) -> Initial:
         """What is known of the start, at the start only. What an earlier run has stored is newer than the settings."""

@@ -24,7 +24,7 @@ from imud.commands.arguments import above_zero, add_settings, seed
 from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
-from imud.outputs.addresses import parse_address
+from imud.outputs.addresses import PORT, parse_address
 from imud.setup import config
 
 from .aids import DEVICES, WITHOUT_LINE, Aids
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
                 print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
         code = _compare(client, truth_file, args.seconds, log)
         if aids.devices:
-            print(aids.report(status.ask(parse_address(str(listen), status.PORT))))
+            print(aids.report(status.ask(parse_address(str(listen), PORT))))
         return code
 
 

@@ -39,7 +39,7 @@ class Fetch:
     frame: Callable[[bytes], bytes]
     period_ns: int  # between samples, nominal
 
-    def bus_ns(self, first: int = 0) -> int:
-        """Time on the bus of the cycles from `first` on."""
+    def bus_ns(self) -> int:
+        """Time of the cycles on the bus."""
         wire_ns = WORD_BITS * 1_000_000_000 // self.clock_hz
-        return sum(wire_ns + 1000 * cycle.stall_us for cycle in self.cycles[first:])
+        return sum(wire_ns + 1000 * cycle.stall_us for cycle in self.cycles)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from imud.configuration.settings import Initial, Settings
+from imud.configuration.settings import Settings
 from imud.errors import ConfigError
 from imud.setup import config
 
@@ -53,10 +53,10 @@ def test_missing_file_and_malformed_override():
 
 
 def test_initial_values():
-    initial = config.parse_assignments("lat_deg=35.5,yaw_deg=-46", Initial, "--initial")
+    initial = config.parse_initial("lat_deg=35.5,yaw_deg=-46")
     assert (initial.lat_deg, initial.yaw_deg, initial.roll_deg) == (35.5, -46.0, None)
     with pytest.raises(ConfigError, match="--initial: yaw: unknown key"):
-        config.parse_assignments("yaw=1", Initial, "--initial")
+        config.parse_initial("yaw=1")
 
 
 @pytest.mark.parametrize("start", ["foo", "yaw=3", "a\\u0007", "x" * 3000])

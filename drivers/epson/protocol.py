@@ -47,9 +47,9 @@ def read_register_once(register: Register) -> Dialogue[bytes]:
     return reply
 
 
-def read_register(register: Register, silences: int = SILENT_MAX) -> Dialogue[int | None]:
+def read_register(register: Register) -> Dialogue[int | None]:
     """The word of a register, which no checksum guards: two answers must agree. None: none do, or it is silent."""
-    words = set[int]()
+    words, silences = set[int](), 0
     for _ in range(ANSWERS):
         reply = yield from read_register_once(register)
         word = register.answer(reply)
@@ -57,8 +57,8 @@ def read_register(register: Register, silences: int = SILENT_MAX) -> Dialogue[in
             return word
         if word is not None:
             words.add(word)
-        silences -= not reply
-        if silences == 0:
+        silences += not reply
+        if silences == SILENT_MAX:
             break
     return None
 

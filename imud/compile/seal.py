@@ -57,11 +57,11 @@ def defect(library: Path) -> str | None:
         return "is damaged"
 
 
-def loaded_sources(root: Path = ROOT) -> list[str]:
+def loaded_sources() -> list[str]:
     """The source files of ours that this process has loaded: whatever the kernels depend on is among them."""
-    folder = f"{root / PACKAGE}{os.sep}"
+    folder = f"{ROOT / PACKAGE}{os.sep}"
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
-    return sorted({Path(f).relative_to(root).as_posix() for f in files if f and f.startswith(folder)})
+    return sorted({Path(f).relative_to(ROOT).as_posix() for f in files if f and f.startswith(folder)})
 
 
 def seal(library: Path, files: Sequence[str]) -> None:

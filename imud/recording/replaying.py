@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..configuration.settings import Initial
 from ..errors import BadDataError
 from ..setup import config
 from ..tables.output import open_output
@@ -68,7 +67,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     notes = recording.doubts()
     with ExitStack() as stack:
         tables = _Tables(job, stack)
-        initial = config.parse_assignments(job.initial, Initial, "--initial")
+        initial = config.parse_initial(job.initial)
         known = None if job.calibration is None else calibration.read(job.calibration)
 
         def on_step(samples: "Records", solutions: "Records") -> None:

@@ -160,7 +160,7 @@ def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
     """(key path, what is wrong) where a tunable or a value of the start does not exist, or does not take the value."""
     if isinstance(start := table.get("initial"), str):
         try:
-            parse_assignments(start, Initial, "--initial")
+            parse_initial(start)
         except ConfigError as error:
             yield "initial", f"not as it must be for {error}"
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
@@ -177,7 +177,7 @@ def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
 
 def initial_of(settings: Settings, more: str = "") -> Initial:
     """What is known of the start by the settings, and by `--initial`, which wins. Raises ConfigError."""
-    return parse_assignments(f"{settings.initial},{more}", Initial, "--initial")
+    return parse_initial(f"{settings.initial},{more}")
 
 
 def adopt(running: Settings, fresh: Settings) -> tuple[Settings, list[str], list[str]]:
@@ -203,12 +203,12 @@ def _value(settings: Settings, path: str) -> Any:
     return value
 
 
-def parse_assignments(text: str, schema: type[Struct], option: str) -> Struct:
-    """`a=1,b=2` as a struct, for options such as --initial. Raises ConfigError naming the option and all bad keys."""
+def parse_initial(text: str) -> Initial:
+    """What is known of the start, as `--initial` takes it: `lat_deg=35.5,yaw_deg=-46`. Raises ConfigError."""
     table: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
-        path, value = _assignment(item, option, "lat_deg=35.6")
+        path, value = _assignment(item, "--initial", "lat_deg=35.6")
         _merge(table, path, value)
-    if problems := [f"{path}: {what}" for path, what in _problems(table, schema)]:
-        raise ConfigError(f"{option}: " + "; ".join(problems))
-    return msgspec.convert(table, schema)
+    if problems := [f"{path}: {what}" for path, what in _problems(table, Initial)]:
+        raise ConfigError(f"--initial: {'; '.join(problems)}")
+    return msgspec.convert(table, Initial)

@@ -20,11 +20,7 @@ SPIKES = np.dtype(
     [
         ("raw", "<i8", (6,)),  # the present sample: gyro x y z, accelerometer x y z, LSB
         ("last_good", "<i8", (6,)),  # the last sample that was no spike
-        (
-            "sign",
-            "<i8",
-            (6,),
-        ),  # of the last spike's difference: -1, 1; 0: within the limit, or no spike
+        ("sign", "<i8", (6,)),  # of the last spike's difference: -1, 1; 0: within the limit, or no spike
         ("floor", "<f8", (6,)),  # LSB per tick that are always allowed
         ("recent_change", "<f8", (6,)),  # largest difference per tick, decaying
         ("spike_count", "<i8"),  # spikes in a row

@@ -35,10 +35,8 @@ FRAME = 8  # bytes of a binary frame
 LINE_MAX = 64  # bytes of a line
 STRAY_BYTES = 2  # bytes of junk that are not counted as a lost line
 HASH, DOLLAR, CR, LF = ord("#"), ord("$"), 13, 10
-WIDTH_VOTES_MIN, DEVIATION_VOTES = (
-    8,
-    4,
-)  # lines that establish a width; by how many another width reduces them
+WIDTH_VOTES_MIN = 8  # lines that establish a width
+DEVIATION_VOTES = 4  # by how many a line of another width reduces them
 EXPLAINED_MIN = 3  # lines of another width that signs explained, after which signs always explain it
 SPIKE_MG = 500.0  # per sample: a larger step that the next sample does not confirm is damage
 

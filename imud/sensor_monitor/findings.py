@@ -3,17 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FROZEN, LIMITED, INVALID, ZERO, WEIGHT, TEMPERATURE = (
-    0,
-    6,
-    12,
-    18,
-    19,
-    20,
-)  # the first three have six bits, for the axes
-SPIKE = 21  # six bits, for the axes
-UNITS = 27
-REPEATED = 28
+FROZEN, LIMITED, INVALID, SPIKE = 0, 6, 12, 21  # six bits each, for the axes
+ZERO, WEIGHT, TEMPERATURE, UNITS, REPEATED = 18, 19, 20, 27, 28
 FINDINGS = 29
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))

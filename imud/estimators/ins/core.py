@@ -131,11 +131,7 @@ STATIONARITY = np.dtype(
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
         ("stationary_count", "<i8"),  # and of none
-        (
-            "motion_class",
-            "<f8",
-            (2, 3),
-        ),  # at rest and in slow motion: count, mean and variance of the log gyro deviation
+        ("motion_class", "<f8", (2, 3)),  # at rest, in slow motion: count, mean and variance of the log gyro deviation
         ("log_likelihood_ratio", "<f8"),  # of rest against slow motion, summed over windows
         ("gyro_noise_floor", "<f8"),  # rad/s, smallest gyro deviation measured
         ("vibration_level", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
@@ -189,10 +185,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
-        (
-            "fix_age_error2",
-            "<f8",
-        ),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes only
+        ("fix_age_error2", "<f8"),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes
         ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
         ("discrepancy_onset_ns", "<i8"),
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias

@@ -29,11 +29,8 @@ ODOMETER_SCALE, BARO_OFFSET, GNSS_VELOCITY_BIAS, GNSS_LEVER_ARM = 32, 33, 34, 37
 
 COARSE_ALIGNMENT, NAVIGATING = 0, 1  # modes: roll and pitch only, position from GNSS; everything
 FREE, AUTO, LAND = 0, 1, 2  # vehicle
-REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = (
-    0,
-    1,
-    2,
-)  # of fixes: of a receiver at work; of a survey: at first; once they are confirmed
+# epochs of fixes: of a receiver at work; of a survey: at first; once they are confirmed
+REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = 0, 1, 2
 
 # axis of an update, for the GLR tests
 POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 1: east

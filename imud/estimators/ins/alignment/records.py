@@ -8,10 +8,7 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
     [
         ("mode", "<i8"),
         ("heading_sigma", "<f8"),  # rad, of a heading that was found, measured or given; 0: none
-        (
-            "heading_bias_gain",
-            "<f8",
-        ),  # s, heading error per frame rate: minus that per vertical gyro bias
+        ("heading_bias_gain", "<f8"),  # s, heading error per frame rate: minus that per vertical gyro bias
         ("integrals", "<f8", (4, 2)),  # since the origin, of: level specific force, 1, G, exp(i y)
         ("double_integrals", "<f8", (4, 2)),  # integrals of these
         ("heading_phasor", "<f8", (2,)),  # exp(i y), y: heading of the body in the integrals' frame, rad
@@ -19,11 +16,7 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("corrected_rotation", "<f8"),  # rad, integral of bias_correction: the frame would have rotated by it
         ("bias_correction", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
         ("applied_corrections", "<f8", (3, 2)),  # the sum of those that the integrals have had
-        (
-            "corrections",
-            "<f8",
-            (3, 2),
-        ),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
+        ("corrections", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
         ("pair_start_ns", "<i8"),  # last fix used for alignment
         ("pair_start", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
         ("pair_integrals", "<f8", (4, 2)),  # integrals then
@@ -36,11 +29,7 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
         ("last_match_ns", "<i8"),  # last fix matched
         ("vector_start_ns", "<i8"),  # last fix at which a pair of vectors ended
-        (
-            "vector_start",
-            "<f8",
-            (6,),
-        ),  # its velocity NED; the antenna's to the IMU, vectors' frame; m/s
+        ("vector_start", "<f8", (6,)),  # its velocity NED; the antenna's to the IMU, vectors' frame; m/s
         ("vector_q", "<f8", (4,)),  # body axes to the vectors' frame, which is fixed: the body's at the first fix
         ("vector_bias", "<f8", (3,)),  # rad/s, gyro bias with which they are integrated
         ("vector_force", "<f8", (3,)),  # m/s, integral of specific force since that fix, in the vectors' frame
@@ -56,28 +45,16 @@ HYPOTHESIS_BANK = np.dtype(
     [
         ("integrals", "<f8", (HYPOTHESES, 4, 2)),  # as the core's, to the last matched fix, turned back
         ("double_integrals", "<f8", (HYPOTHESES, 4, 2)),
-        (
-            "whitening_state",
-            "<f8",
-            (HYPOTHESES, 3, 5, 2),
-        ),  # position, velocity, GNSS bias of the fixes and of each integral
+        ("whitening_state", "<f8", (HYPOTHESES, 3, 5, 2)),  # position, velocity, GNSS bias of fixes and each integral
         ("whitening_P", "<f8", (3, 3)),  # and their covariance, m, s
-        (
-            "products",
-            "<f8",
-            (HYPOTHESES, 5, 5, 2),
-        ),  # of the innovations of GNSS, force and three regressors
+        ("products", "<f8", (HYPOTHESES, 5, 5, 2)),  # of the innovations of GNSS, force and three regressors
         ("weight", "<f8"),  # number of matched innovations
         ("energy2", "<f8"),  # sum of squares of the single energies of the velocity changes
         ("energy_age", "<f8"),  # s, their energy times its age
         ("last_integrals", "<f8", (4, 2)),  # the core's then
         ("last_double_integrals", "<f8", (4, 2)),
         ("vector_count", "<i8"),
-        (
-            "vectors",
-            "<f8",
-            (VECTORS, 17),
-        ),  # receiver, IMU, m/s; IMU per gyro bias, m; variances
+        ("vectors", "<f8", (VECTORS, 17)),  # receiver, IMU, m/s; IMU per gyro bias, m; variances
         # scratch
         ("vector_normal", "<f8", (6, 13)),
         ("vector_product", "<f8", (2, 4, 4)),
@@ -96,11 +73,7 @@ FIX_AGE = np.dtype(  # by how much the fixes are older than their epochs, while 
         ("origin_ns", "<i8"),  # of the integrals then
         ("place", "<f8", (2,)),  # rad, its latitude and longitude
         ("velocity", "<f8", (2,)),  # m/s, north and east, its velocity, or the mean since the one before
-        (
-            "integrals",
-            "<f8",
-            (AGES, 2, 4, 2),
-        ),  # at its epoch less each age: integrals and double integrals; NaN: unknown
+        ("integrals", "<f8", (AGES, 2, 4, 2)),  # at its epoch less each age: integrals, double integrals; NaN: unknown
         ("sums", "<f8", (AGES, 11)),  # over pairs of fixes
         ("probability", "<f8"),  # that the time offset is wrong by more than the alignment bears
         ("age", "<f8"),  # s, mean of the posterior

@@ -60,10 +60,7 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
     [
         ("onset_ns", "<i8"),  # when its headings were used first
         ("last_ns", "<i8"),  # the last fix
-        (
-            "turn_variance",
-            "<f8",
-        ),  # rad^2, of a turn of the sensor while it was not connected
+        ("turn_variance", "<f8"),  # rad^2, of a turn of the sensor while it was not connected
         ("unconfirmed", "<i8"),  # 1: it gave the heading, and motion has not confirmed that
         ("information", "<f8"),  # 1/rad^2, of the offset
         ("vector", "<f8"),  # 1/rad, information times offset

@@ -20,11 +20,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("epochs", "<i8"),  # REPORTED_EPOCHS, UNCONFIRMED_EPOCHS or EXACT_EPOCHS
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
         ("velocity_reject_ns", "<i8"),  # the first of them
-        (
-            "position_inflation",
-            "<f8",
-            (3,),
-        ),  # m^2, beyond P: how far the fixes were that the filter was reset to, fading
+        ("position_inflation", "<f8", (3,)),  # m^2, beyond P: how far fixes were that the filter was reset to, fading
         ("velocity_inflation", "<f8", (2,)),  # m^2/s^2, how fast they drifted away before, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
         ("position_uses", "<f8"),  # positions that were used, fading

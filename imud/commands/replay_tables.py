@@ -1,0 +1,175 @@
+"""`imud replay --imu CSV …`: tables of samples, fixes and other measurements through a filter."""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..batch import in_order_of_arrival, play
+from ..configuration.settings import Settings
+from ..errors import BadDataError, CannotCreateError, UsageError
+from ..estimators import Estimator, registry
+from ..estimators.aiding_source import AidingSource
+from ..estimators.records import FIX, INNOVATION
+from ..math.arrays import Records
+from ..pipeline import Filter
+from ..progress import Progress
+from ..sensor_errors import calibration
+from ..sensor_monitor.findings import counted
+from ..setup import config
+from ..tables.estimates import EstimateWriter, write_innovations
+from ..tables.filter_states import FilterStates, write_states
+from ..tables.fixes import fixes_of_file
+from ..tables.inputs import SkippedRows, read_aiding, read_imu
+from ..tables.lines import is_nmea
+from ..tables.output import open_output
+from .files import input_file
+
+_PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
+_CHECKED_SAMPLES = 10_000  # of the specific force
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = config.load(args.config, args.set)
+    initial = config.initial_of(settings, args.initial)
+    estimator = registry.by_name(_estimator_name(args, settings))
+    left_out = SkippedRows(args.imu), SkippedRows(args.gnss)
+    sources = _sources(args.aiding, estimator)
+    samples, origin, skipped = read_imu(args.imu, left_out[0])
+    fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
+    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
+    tables = (read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources)
+    aiding = in_order_of_arrival((*tables, *_readings(args.gnss, origin, samples, settings, estimator)))
+    filter_ = Filter(estimator, settings, initial, rate_hz)
+    if args.calibration is not None:
+        filter_.calibrate(calibration.read(args.calibration))
+    begin = time.perf_counter()
+    fed = _replay(args, origin, filter_, samples, fixes, aiding)
+    _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
+    for finding in counted(filter_.health):
+        print(f"imud replay: {args.imu}: {finding}", file=sys.stderr)
+    if args.gnss is not None and not len(fixes):
+        print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
+    left_out[0].judge(len(samples))
+    left_out[1].judge(len(fixes))
+    return 0
+
+
+def _replay(
+    args: argparse.Namespace, origin: int, filter_: Filter, samples: Records, fixes: Records, aiding: Records
+) -> int:
+    """Write the files that are asked for; returns how many fixes the filter was given."""
+    player = play
+    if args.smooth:
+        from ..smoothing import play_smoothed as player
+    innovations: list[Records] = []
+    states = FilterStates()
+    with open_output(args.output) as file:
+        fed = player(
+            filter_,
+            samples,
+            fixes,
+            EstimateWriter(file, origin).write,
+            _output_mask(samples["t_ns"], args.rate),
+            innovations.append,
+            aiding,
+            Progress(len(samples)).at,
+            None if args.states is None else partial(states.take, filter_),
+        )
+    if args.innovations is not None:
+        _write_innovations(args.innovations, origin, innovations)
+    if args.states is not None:
+        write_states(args.states, origin, states.rows)
+    return fed
+
+
+def _output_mask(t_ns: Any, rate_hz: float | None) -> Any:
+    """Mask of the samples that start a new output period; None: all."""
+    if rate_hz is None:
+        return None
+    slot = np.floor((t_ns - t_ns[0]) * 1e-9 * rate_hz + 1e-6)
+    return np.concatenate([[True], np.diff(slot) > 0])
+
+
+def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:
+    name = args.estimator or settings.estimator
+    return ("navigation" if args.gnss else "attitude") if name == "auto" else name
+
+
+def _write_innovations(path: Path, origin: int, innovations: list[Records]) -> None:
+    try:
+        write_innovations(path, origin, np.concatenate([np.zeros(0, INNOVATION), *innovations]))
+    except OSError as error:
+        raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _read_gnss(path: Path | None, origin: int, samples: Records, settings: Settings, left_out: SkippedRows) -> Records:
+    def warn(problem: str) -> None:
+        print(f"imud replay: {path}: {problem}", file=sys.stderr)
+
+    if path is None:
+        return np.zeros(0, FIX)
+    return fixes_of_file(path, origin, int(samples["t_ns"][0]), settings.gnss, warn, left_out)
+
+
+def _sources(named: list[str], estimator: Estimator) -> list[tuple[AidingSource, Path]]:
+    """The sources and files of `--aiding SOURCE=CSV`. Raises UsageError."""
+    known = {source.name: source for source in estimator.sources}
+    found = []
+    for text in named:
+        name, equals, path = text.partition("=")
+        if not equals or name not in known:
+            there_are = ", ".join(known) or "none"
+            raise UsageError(f"--aiding {text}: it must be SOURCE=CSV; sources of {estimator.name}: {there_are}")
+        found.append((known[name], input_file(path)))
+    return found
+
+
+def _readings(
+    path: Path | None, origin: int, samples: Records, settings: Settings, estimator: Estimator
+) -> Iterator[Records]:
+    """Measurements in a receiver's log, if that is one of NMEA sentences."""
+    if path is not None and estimator.sources and is_nmea(path):
+        from ..tables.nmea_readings import readings_of_log
+
+        yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
+
+
+def _unit_warnings(samples: Records) -> Iterator[str]:
+    """Warnings of values that are probably in other units."""
+    period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
+    forces = samples["f"][:: max(1, len(samples) // _CHECKED_SAMPLES)]
+    force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
+    if period_s > _PERIOD_MAX_S:
+        yield f"the samples are {period_s:g} s apart: is t_s in s?"
+    if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
+        yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
+    elif down < -_FORCE_MPS2[0]:
+        yield "the sensor is upside down; if it is not, its axes are others: --set imu.mount_rpy_deg=[180,0,0] for FLU"
+
+
+def _summary(samples: Records, fixes: Records, fed: int, skipped: int, seconds: float) -> None:
+    """Print the warnings and, on a terminal, the number of samples and the speed."""
+    span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
+    if sys.stderr.isatty():
+        speed = span / max(seconds, 1e-9)
+        print(
+            f"imud replay: {len(samples)} samples of {span:.1f} s in {seconds:.2f} s ({speed:.0f} x real time), "
+            f"{fed} of {len(fixes)} fixes",
+            file=sys.stderr,
+        )
+    for warning in _unit_warnings(samples):
+        print(f"imud replay: {warning}", file=sys.stderr)
+    if skipped:
+        print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)
+    if len(fixes) and not fed:
+        begin, end = (float(fixes["t_ns"][i] - samples["t_ns"][0]) * 1e-9 for i in (0, -1))
+        raise BadDataError(
+            f"no fix lies within the time of the samples: these last {span:.0f} s, the fixes are from {begin:+.0f} to "
+            f"{end:+.0f} s after their beginning; are both files on the same clock (NMEA: t_s in UTC)?"
+        )

@@ -21,9 +21,7 @@ from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, decorrelate, variance
 from .glr_tests.compass_offset import state_turn
-from .glr_tests.gnss_drift import reset_drift
-from .glr_tests.gyro_bias_step import reset_gyro_bias_step
-from .glr_tests.time_offset_step import reset_time_offset_step
+from .glr_tests.reset import reset_glr_tests
 from .glr_tests.velocity_drift import reset_confirmations
 from .mechanization import body_to_ned, clear_biases
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, MOUNT_YAW
@@ -74,9 +72,7 @@ def reset_biases(p: Parameters, c: Core) -> None:
     interrupt_rest(c)
     clear_window(c)
     restart_in_motion_alignment(c)
-    reset_drift(c)
-    reset_time_offset_step(c)
-    reset_gyro_bias_step(c)
+    reset_glr_tests(c)
     reset_confirmations(c)
 
 

@@ -16,10 +16,8 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..glr_tests.compass_offset import is_unconfirmed
-from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
-from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
-from ..glr_tests.time_offset_step import reset_time_offset_step
-from ..glr_tests.velocity_drift import reset_velocity_drift
+from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, state_detected_drift
+from ..glr_tests.reset import reset_glr_tests
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
 from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
@@ -273,10 +271,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
     if either:
         allow_for_wrong_velocity(c)
-    reset_drift(c)
-    reset_time_offset_step(c)
-    reset_gyro_bias_step(c)
-    reset_velocity_drift(c)
+    reset_glr_tests(c)
     clear_rejection(c)
     return True
 

@@ -28,9 +28,7 @@ from ..ekf import add_variance, combine, combine3, decorrelate, innovation_varia
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
 from ..glr_tests.compass_offset import close_compass_offset
-from ..glr_tests.gnss_drift import reset_drift
-from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
-from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.velocity_drift import reset_confirmations
 from ..lever_arm import (
     antenna_position,
@@ -104,9 +102,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     if actions & TO_ANTENNA:
         transfer_lever_arm(p, c, -1.0)
     c.alignment.mode = NEXT_MODE[row]
-    reset_drift(c)
-    reset_time_offset_step(c)
-    reset_gyro_bias_step(c)
+    reset_glr_tests(c)
     reset_confirmations(c)
     if actions & RESET_HEADING:
         c.alignment.heading_sigma = 0.0

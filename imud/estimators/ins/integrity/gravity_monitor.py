@@ -21,9 +21,7 @@ from ...tuning import Tunable
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_variance, decorrelate, innovation_variance, set_jacobian3, variance
 from ..fusion import NO_GATE, correct_state, gated_update
-from ..glr_tests.gnss_drift import reset_drift
-from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
-from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.velocity_drift import reset_confirmations
 from ..mechanization import ned_to_body
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -210,9 +208,7 @@ def monitor_gravity(p: Parameters, c: Core) -> None:
             gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, e), dot(e, error), r, NO_GATE)
         correct_state(p, c)
         restart_in_motion_alignment(c)
-        reset_drift(c)
-        reset_time_offset_step(c)
-        reset_gyro_bias_step(c)
+        reset_glr_tests(c)
         reset_confirmations(c)
         restart_gravity_monitor(p, c)
     elif g.time > p.tuning.gravity_memory_s:

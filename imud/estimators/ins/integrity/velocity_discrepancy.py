@@ -27,10 +27,7 @@ from ..aiding.gnss_noise import horizontal_sigma
 from ..aiding.gnss_velocity import velocity_of
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
-from ..glr_tests.gnss_drift import reset_drift
-from ..glr_tests.gyro_bias_step import reset_gyro_bias_step
-from ..glr_tests.time_offset_step import reset_time_offset_step
-from ..glr_tests.velocity_drift import reset_velocity_drift
+from ..glr_tests.reset import reset_glr_tests
 from ..mechanization import ned_difference, wrap_angle
 from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
 from .reset_inflation import inflate_position
@@ -165,10 +162,7 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
     if last < UNUSED and g.verdict >= UNUSED:
         allow_for_discrepancy(c, g, since_s)
         restart_in_motion_alignment(c)
-        reset_drift(c)
-        reset_time_offset_step(c)
-        reset_gyro_bias_step(c)
-        reset_velocity_drift(c)
+        reset_glr_tests(c)
     if g.verdict < VELOCITY_WRONG:
         c.scratch.discrepancy_onset_ns = g.onset_ns
         for i in range(2):

@@ -124,7 +124,7 @@ FILES = {  # file: (what its records are, its records, those of other files by t
         {"..types": ESTIMATORS, ".tuning_types": TUNING},
     ),
 }
-OF_LEARNING = ("learning_values", "learning_d")
+OF_LEARNING = ("learning_values", "learning_d", "learning_gain", "covariance")
 TO_KALMAN = dict.fromkeys(("columns", "column", "learning_columns"), "Indices") | dict.fromkeys(
     ("P", "predicted_P", "x", "d", "gain", "ph", "values", "jacobian", "one", "dx", "row", *OF_LEARNING), "Floats"
 )

@@ -1,7 +1,9 @@
 """The command before anything runs: what a check refuses, and streams that are closed or broken."""
 
 import ast
+import errno
 import io
+import os
 import signal
 import subprocess
 import sys
@@ -88,6 +90,23 @@ def test_a_full_disk_is_an_error_of_input_and_output(arguments):
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 74
     assert ended.stderr == "imud: output: No space left on device\n"
+
+
+def test_of_a_full_disk_the_file_is_named(tmp_path, monkeypatch, capsys):
+    """The write's own error names none."""
+
+    def write(args):
+        raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28] No space left on device")
+
+    real, full = os.statvfs, tmp_path / "full"
+    full.mkdir()
+    no_room = os.statvfs_result((4096, 4096, 10, 0, 0, 10, 10, 10, 0, 255))
+    monkeypatch.setattr(os, "statvfs", lambda path: no_room if full.samefile(path) else real(path))
+    monkeypatch.setattr("imud.commands.export.run", write)
+    monkeypatch.setattr("imud.commands._close_output", lambda: None)  # it would be the output of the tests
+    recording = str(Path(__file__).parent / "corpus" / "recordings" / "json.mcap")
+    assert main(["export", recording, "--gpx", str(tmp_path / "track.gpx"), "--csv", str(full / "tables")]) == 74
+    assert capsys.readouterr().err == f"imud: {full / 'tables'}: No space left on device\n"
 
 
 class Broken(io.StringIO):

@@ -41,6 +41,7 @@ COMMANDS = {
     "install-service": "run imud as a systemd service",
 }
 _USAGE, _INTERRUPTED = 64, 130
+_FULL = 65536  # bytes: less room is none
 _EXTRAS = {  # package: extra
     "mcap": "record",
     "plotly": "plots",
@@ -165,11 +166,22 @@ def _close_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _on_a_full_disk(args: argparse.Namespace) -> Path | None:
+    """An argument's file or folder on a full disk: an error of a write does not say which file it was."""
+    for path in vars(args).values():
+        if isinstance(path, Path) and path.parent.exists():
+            disk = os.statvfs(path.parent)
+            if disk.f_bavail * disk.f_frsize < _FULL:
+                return path
+    return None
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the process's exit code (see `imud.errors`)."""
     _open_standard_streams()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy: one thread and 57 MB of address space less
     arguments = _with_default_command(sys.argv[1:] if arguments is None else arguments)
+    args = argparse.Namespace()
     try:
         if not arguments:
             _parser()[0].print_help(sys.stderr)
@@ -195,6 +207,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("imud: out of memory: process less data at a time", file=sys.stderr)
         return 1
     except OSError as error:  # the disk is full
-        print(f"imud: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        reason = os.strerror(error.errno) if error.errno else error
+        print(f"imud: {error.filename or _on_a_full_disk(args) or 'output'}: {reason}", file=sys.stderr)
         _close_output()
         return InputOutputError.exit_code

@@ -146,7 +146,8 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("psd", "<f8", (2,)),  # m^2/s^3, rad^2/s
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
-        # derivatives by the logarithms of P, packed, and of the estimate
+        ("covariance", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2,)),  # of the filter of nine states, packed
+        # derivatives by the logarithms of that covariance, packed, and of the estimate
         ("covariance_sensitivity", "<f8", (2, LEARNING_STATES * (LEARNING_STATES + 1) // 2)),
         ("estimate_sensitivity", "<f8", (2, LEARNING_STATES)),
     ],
@@ -162,6 +163,8 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
         ("scaled_angle", "<f8", (3,)),  # rad, body, the rotation that is applied now: attitude from gyro_scale
         ("gnss_bias_decay", "<f8"),  # factor of the GNSS position bias
         ("gnss_velocity_bias_decay", "<f8"),  # factor of the GNSS velocity bias
+        ("velocity_psd", "<f8"),  # m^2/s^3, process noise
+        ("attitude_psd", "<f8"),  # rad^2/s
     ],
     align=True,
 )
@@ -175,9 +178,10 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("transition", TRANSITION),
         ("fault_innovation", "<f8", (FAULTS,)),  # mean of the innovation per unit of each fault
-        ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # the part of h, and D h, that learns process noise
+        ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # of the nine states that learn process noise: h, D h, gain
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
         ("learning_d", "<f8", (LEARNING_STATES,)),
+        ("learning_gain", "<f8", (LEARNING_STATES,)),
         ("position_innovation", "<f8", (3,)),
         ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
         ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity there

@@ -253,6 +253,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     apply_gyro_scale(p, c, transition)
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay
+    transition.velocity_psd, transition.attitude_psd = qv, qa
     qb = p.gyro_bias_psd + c.process_noise.psd[1] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
     for i in range(3):
         sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]

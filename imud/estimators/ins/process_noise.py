@@ -3,20 +3,28 @@
 The size of the innovations, against the variance that the filter expects, depends on the process noise and on the
 receiver's noise; the correlation of successive innovations separates the two. The likelihood of the innovations has
 both. Its derivative by the logarithm of a process noise needs two more recursions, in the steps of the Kalman filter's
-own: D = dP and e = d(estimate), of position, velocity and attitude,
+own: D = dC and e = d(estimate), of position, velocity and attitude,
 
-    D <- T D T' + dQ                         e <- T e         (T: the transition matrix)
-    D <- (I - K h) D (I - K h)'              e <- e - K h e + (D h' - K h D h') z / s
+    C <- T C T' + Q                          (T: the transition matrix, Q: the process noise)
+    D <- T D T' + dQ                         e <- T e
+    C <- C - K h C                           K = C h' / s'
+    D <- (I - K h) D (I - K h)'              e <- e - K h e + (D h' - K h D h') z / s'
 
-for each of the two noises. Each innovation z of variance s adds to the derivatives, and to their Fisher information,
+D and e for each of the two noises. Each innovation z of variance s adds to the derivatives, and to their Fisher
+information,
 
     score = 1/2 (h D h' / s) (z^2 / s - 1) + z h e / s
     information = 1/2 (h D h' / s) (h D h' / s)' + (h e) (h e)' / s      of the vectors of both
 
+C, the covariance of a filter of these nine states alone, is what makes D and e stable: with the nine rows of the gain
+of all states they are not, where a position shares its error with the receiver's bias, the time offset or the lever
+arm. To that filter all other errors are noise of the measurement: s' = max(s, h C h' + r), r the noise of it.
+
 A noise of the attitude shows as an error of the velocity that grows, and returns after a fix; one of the velocity is
 gone after it. The unknown is the logarithm of the noise plus a scale, because below some scale the derivative by a
 logarithm vanishes with the noise. Both are random walks with a prior, estimated by a Kalman filter of two states. What
-few or poor fixes cannot show stays at the prior.
+few or poor fixes cannot show stays at the prior. The first values are not those of a smooth car: on any other vehicle
+biases and the time offset would be certain, and wrong, before the noise is learned.
 
 Source: Ljung and Soderstrom, Theory and practice of recursive identification (1983), sec. 3.8: recursive maximum
 likelihood; Gupta and Mehra, Computational aspects of maximum likelihood estimation (1974): the sensitivity equations.
@@ -32,7 +40,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import measure, packed_index, shear, shear33
 from ..tuning import Tunable
-from .ekf import exponential, variance
+from .ekf import covariance, exponential
 from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -43,24 +51,24 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable(
         "vibration_vrw",
-        0.011,
+        0.035,
         "(m/s)/sqrt(s)",
         "Velocity random walk that vibration adds to an accelerometer's under way; the first value, learned later.",
-        "Recorded drives.",
+        "Between a smooth car and a multicopter.",
     ),
     Tunable(
         "vibration_arw",
-        math.radians(0.005),
+        math.radians(0.04),
         "rad/sqrt(s)",
         "Angle random walk that vibration adds to a gyro's under way; the first value, learned later.",
-        "Recorded drives.",
+        "Between a smooth car and a multicopter.",
     ),
     Tunable(
         "process_noise_prior",
-        3.0,
+        1.5,
         "",
         "Sigma of the logarithm of a vehicle's process noise before it is learned.",
-        "From a smooth car to a multicopter: a factor of 400.",
+        "A factor of 400 from a smooth car to a multicopter: four sigmas.",
     ),
     Tunable(
         "process_noise_walk",
@@ -110,21 +118,45 @@ TUNABLES = (
 
 
 @kernel
-def clear_learning(c: Core) -> None:
-    """Clear the sensitivities: the estimate is new."""
-    g = c.process_noise
-    g.estimate_sensitivity[:] = 0.0
-    g.covariance_sensitivity[:] = 0.0
+def set_psd(p: Parameters, c: Core) -> None:
+    """Bound the logarithms and store what they are of."""
+    g, t = c.process_noise, p.tuning
+    for k in range(2):
+        least, most, scale = t.min_velocity_noise, t.max_velocity_noise, t.velocity_noise_scale
+        if k == 1:
+            least, most, scale = t.min_attitude_noise, t.max_attitude_noise, t.attitude_noise_scale
+        q = min(max(elementary.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
+        g.log_psd[k] = elementary.log(q + scale * scale)
+        g.psd[k] = q
 
 
 @kernel
-def propagate_one(D: Floats, e: Floats, transition: Transition) -> None:
-    """D <- T D T' and e <- T e with the transition T, of one of the noises."""
-    f, dt, n = transition.delta_v, transition.interval, LEARNING_STATES
+def clear_learning(c: Core) -> None:
+    """The estimate is new: the filter of nine states begins with the covariance of it, and no sensitivity is known."""
+    g, at = c.process_noise, 0
+    g.estimate_sensitivity[:] = 0.0
+    g.covariance_sensitivity[:] = 0.0
+    for i in range(LEARNING_STATES):
+        for k in range(i, LEARNING_STATES):
+            g.covariance[at] = covariance(c, i, k)
+            at += 1
+
+
+@kernel
+def propagate_symmetric(S: Floats, transition: Transition) -> None:
+    """S <- T S T' with the transition T."""
+    f, n = transition.delta_v, LEARNING_STATES
     for i in range(3):
-        shear(D, n, POSITION + i, VELOCITY + i, dt)
-        e[POSITION + i] += dt * e[VELOCITY + i]
-    shear33(D, n, VELOCITY, ATTITUDE, (0.0, f[2], -f[1], -f[2], 0.0, f[0], f[1], -f[0], 0.0))
+        shear(S, n, POSITION + i, VELOCITY + i, transition.interval)
+    shear33(S, n, VELOCITY, ATTITUDE, (0.0, f[2], -f[1], -f[2], 0.0, f[0], f[1], -f[0], 0.0))
+
+
+@kernel
+def propagate_vector(e: Floats, transition: Transition) -> None:
+    """e <- T e with the transition T."""
+    f = transition.delta_v
+    for i in range(3):
+        e[POSITION + i] += transition.interval * e[VELOCITY + i]
     north, east, down = e[ATTITUDE], e[ATTITUDE + 1], e[ATTITUDE + 2]
     e[VELOCITY] += f[2] * east - f[1] * down
     e[VELOCITY + 1] += f[0] * down - f[2] * north
@@ -132,50 +164,46 @@ def propagate_one(D: Floats, e: Floats, transition: Transition) -> None:
 
 
 @kernel
+def add_noise(S: Floats, first: int, q: float) -> None:
+    """S[i, i] += q of the three states from `first` on."""
+    for i in range(first, first + 3):
+        S[packed_index(LEARNING_STATES, i, i)] += q
+
+
+@kernel
 def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
-    """D <- T D T' + dQ, e <- T e, and the random walk of the logarithms."""
-    g = c.process_noise
+    """C <- T C T' + Q, D <- T D T' + dQ, e <- T e, and the random walk of the logarithms."""
+    g, dt = c.process_noise, transition.interval
+    propagate_symmetric(g.covariance, transition)
+    add_noise(g.covariance, VELOCITY, transition.velocity_psd * dt)
+    add_noise(g.covariance, ATTITUDE, transition.attitude_psd * dt)
     for k in range(2):
-        D = g.covariance_sensitivity[k]
-        propagate_one(D, g.estimate_sensitivity[k], transition)
-        first = VELOCITY if k == 0 else ATTITUDE
         psd_derivative = exponential(c, 2 + k, g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
-        for i in range(3):
-            D[packed_index(LEARNING_STATES, first + i, first + i)] += psd_derivative * transition.interval
+        propagate_symmetric(g.covariance_sensitivity[k], transition)
+        propagate_vector(g.estimate_sensitivity[k], transition)
+        add_noise(g.covariance_sensitivity[k], VELOCITY if k == 0 else ATTITUDE, psd_derivative * dt)
         if psd_derivative > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
-            g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * transition.interval
+            g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * dt
 
 
 @kernel
-def bound_sensitivity(c: Core) -> None:
-    """D <- at most P, abs(e) <- at most one sigma, of each state, by a congruence.
-
-    P is a concave function of the noises, homogeneous of degree 1, so its derivative by the logarithm of one of them is
-    at most P. The recursions leave the other states out, with whose gains alone they would not be stable.
-    """
-    n = LEARNING_STATES
-    for k in range(2):
-        D, e = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k]
-        for i in range(n):
-            most, at = max(variance(c, i), 0.0), packed_index(n, i, i)
-            e[i] = min(max(e[i], -math.sqrt(most)), math.sqrt(most))
-            if D[at] > most:
-                share = math.sqrt(most / D[at])
-                for j in range(n):
-                    D[packed_index(n, min(i, j), max(i, j))] *= share
-                D[at] = most
-
-
-@kernel
-def predict_sensitivity(c: Core, k: int, length: int) -> tuple[float, float]:
-    """h D h' and h e of noise k for the Jacobian, of that length; stores D h in scratch.learning_d."""
-    scratch, n, he = c.scratch, 0, 0.0
+def restrict_jacobian(c: Core, length: int) -> int:
+    """Store the elements of the Jacobian, of that length, that are of the nine states; returns how many they are."""
+    scratch, n = c.scratch, 0
     for i in range(length):
-        column, value = scratch.columns[i], scratch.values[i]
+        column = scratch.columns[i]
         if column < LEARNING_STATES:
-            scratch.learning_columns[n], scratch.learning_values[n] = column, value
-            he += value * c.process_noise.estimate_sensitivity[k, column]
+            scratch.learning_columns[n], scratch.learning_values[n] = column, scratch.values[i]
             n += 1
+    return n
+
+
+@kernel
+def predict_sensitivity(c: Core, k: int, n: int) -> tuple[float, float]:
+    """h D h' and h e of noise k for the n elements of `restrict_jacobian`; stores D h in scratch.learning_d."""
+    scratch, he = c.scratch, 0.0
+    for i in range(n):
+        he += scratch.learning_values[i] * c.process_noise.estimate_sensitivity[k, scratch.learning_columns[i]]
     D = c.process_noise.covariance_sensitivity[k]
     return measure(D, LEARNING_STATES, scratch.learning_columns, scratch.learning_values, n, scratch.learning_d), he
 
@@ -191,25 +219,12 @@ def add_information(V: Reals, a: float, b: float) -> None:
 
 
 @kernel
-def set_psd(p: Parameters, c: Core) -> None:
-    """Bound the logarithms and store what they are of."""
-    g, t = c.process_noise, p.tuning
-    for k in range(2):
-        least, most, scale = t.min_velocity_noise, t.max_velocity_noise, t.velocity_noise_scale
-        if k == 1:
-            least, most, scale = t.min_attitude_noise, t.max_attitude_noise, t.attitude_noise_scale
-        q = min(max(elementary.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
-        g.psd[k] = q
-        g.log_psd[k] = elementary.log(q + scale * scale)
-
-
-@kernel
 def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
     """Learn from an innovation z of variance s, before its update or without one; `length`: of the Jacobian."""
-    bound_sensitivity(c)
     V, most, root = c.process_noise.log_psd_covariance, math.sqrt(p.tuning.max_learned_nis * s), math.sqrt(s)
-    hDh_velocity, he_velocity = predict_sensitivity(c, 0, length)
-    hDh_attitude, he_attitude = predict_sensitivity(c, 1, length)
+    n = restrict_jacobian(c, length)
+    hDh_velocity, he_velocity = predict_sensitivity(c, 0, n)
+    hDh_attitude, he_attitude = predict_sensitivity(c, 1, n)
     z = min(max(z, -most), most)
     excess = 0.5 * (z * z / s - 1.0) / s
     add_information(V, math.sqrt(0.5) * hDh_velocity / s, math.sqrt(0.5) * hDh_attitude / s)
@@ -222,15 +237,27 @@ def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float)
 
 @kernel
 def update_learning(c: Core, length: int, z: float, s: float) -> None:
-    """D and e after the scalar update that follows; arguments as those of `fuse`."""
-    gains, Dh = c.scratch.gain, c.scratch.learning_d
+    """C, D and e after the scalar update that follows; arguments as those of `fuse`."""
+    g, scratch, n, r = c.process_noise, c.scratch, restrict_jacobian(c, length), s
+    if n == 0:
+        return
+    for i in range(length):
+        r -= scratch.values[i] * scratch.d[scratch.columns[i]]
+    gain, Dh = scratch.learning_gain, scratch.learning_d
+    hCh = measure(g.covariance, LEARNING_STATES, scratch.learning_columns, scratch.learning_values, n, gain)
+    s = max(s, hCh + r)
+    for i in range(LEARNING_STATES):
+        gain[i] /= s
     for k in range(2):
-        D, e, at = c.process_noise.covariance_sensitivity[k], c.process_noise.estimate_sensitivity[k], 0
-        hDh, he = predict_sensitivity(c, k, length)
+        D, e, at = g.covariance_sensitivity[k], g.estimate_sensitivity[k], 0
+        hDh, he = predict_sensitivity(c, k, n)
         for i in range(LEARNING_STATES):
-            gain = gains[i]
-            e[i] += (Dh[i] - gain * hDh) * z / s - gain * he
+            e[i] += (Dh[i] - gain[i] * hDh) * z / s - gain[i] * he
             for j in range(i, LEARNING_STATES):
-                other = gains[j]
-                D[at] += gain * other * hDh - gain * Dh[j] - Dh[i] * other
+                D[at] += gain[i] * gain[j] * hDh - gain[i] * Dh[j] - Dh[i] * gain[j]
                 at += 1
+    at = 0
+    for i in range(LEARNING_STATES):
+        for j in range(i, LEARNING_STATES):
+            g.covariance[at] -= gain[i] * gain[j] * s
+            at += 1

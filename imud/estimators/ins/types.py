@@ -199,6 +199,7 @@ class ProcessNoise:
     psd: Reals
     log_psd: Reals
     log_psd_covariance: Reals
+    covariance: Floats
     covariance_sensitivity: Tensor
     estimate_sensitivity: Tensor
 
@@ -425,6 +426,8 @@ class Transition:
     scaled_angle: Reals
     gnss_bias_decay: float
     gnss_velocity_bias_decay: float
+    velocity_psd: float
+    attitude_psd: float
 
 
 class Scratch:
@@ -438,6 +441,7 @@ class Scratch:
     learning_columns: Indices
     learning_values: Floats
     learning_d: Floats
+    learning_gain: Floats
     position_innovation: Reals
     accel_fit: Reals
     accel_fit_error: Reals

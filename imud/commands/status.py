@@ -24,10 +24,6 @@ TIMEOUT_S = 5.0
 ANSWER_MAX = 1 << 20  # bytes
 _WIDTH = 100  # of the text to the right of the names
 _LEAST = 0.01  # share of a sigma's reduction that is shown
-_REFUSALS = {  # what to do about them
-    TOO_MANY: "close some clients, or raise gpsd.max_clients",
-    NO_DESCRIPTORS: "close some, or raise its limit (ulimit -n)",
-}
 Table = Mapping[str, Any]
 
 
@@ -104,8 +100,10 @@ def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
                 raise not_imud from None
             if kind == "STATUS":
                 return dict(message)
-            if kind == "ERROR" and (reason := str(message.get("message"))) in _REFUSALS:
-                raise ImudError(f"{address.text} answers {reason}: {_REFUSALS[reason]}")
+            if kind == "ERROR" and message.get("message") == TOO_MANY:
+                raise ImudError(f"{address.text} answers {TOO_MANY}: close some clients, or raise gpsd.max_clients")
+            if kind == "ERROR" and message.get("message") == NO_DESCRIPTORS:
+                raise ImudError(f"{address.text} answers {NO_DESCRIPTORS}: close some, or raise its limit (ulimit -n)")
             if kind == "ERROR":
                 raise DeviceAbsentError(f"{not_imud}: it answers {message.get('message')!r}")
     raise not_imud

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from test_navigation_barometer import pressures
 from test_navigation_odometer import readings
 
-from imud.batch import play
+from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Imu, Settings
 from imud.drivers.sample import MOUNTING_UNKNOWN
 from imud.estimators.filter_states import COVARIANCES, FILTER_STATES, STATES, OncePerPeriod, cells
@@ -36,7 +36,7 @@ def driven():
     return played(samples, fixes, rows[np.argsort(rows["arrival_ns"], kind="stable")])
 
 
-def played(samples, fixes, measurements=None):
+def played(samples, fixes, measurements=NO_MEASUREMENT):
     filter_, table, out = new_filter("navigation", samples), FilterStates(), []
     play(
         filter_,

@@ -8,7 +8,7 @@ from riss_runs import RATE_HZ, SETTINGS, errors
 from simulated import motion, received, sensed
 from test_riss import UPPER, nominal, some_state
 
-from imud.batch import play
+from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Initial
 from imud.estimators import registry
 from imud.estimators.records import (
@@ -56,7 +56,7 @@ def driven(seed, outage=(150.0, 180.0), seconds=190.0, change=None, with_wheels=
     filter_ = Filter(registry.by_name("riss"), SETTINGS, Initial(), RATE_HZ)
     out, noted = [], []
     play(filter_, samples, fixes, lambda rows: out.append(rows.copy()), on_innovations=noted.append,
-         aiding=aiding if with_wheels else None)  # fmt: skip
+         aiding=aiding if with_wheels else NO_MEASUREMENT)  # fmt: skip
     return m, np.concatenate(out), np.concatenate(noted), filter_
 
 

@@ -24,7 +24,7 @@ from .noise import ImuErrors, Signal
 LOOK_S = 0.02
 BLOCK = 8  # scans computed at a time, at most
 PHASE = 0.3  # of a period, by which a second part samples later
-TEMPERATURE_SCALE, TEMPERATURE_OFFSET = 100.0, 0.0  # 1/1000 degC per count
+TEMPERATURE_SCALE = 100.0  # 1/1000 degC per count
 AXES = "xyz"
 FRD = np.array([1.0, -1.0, -1.0])  # to axes x forward, y left, z up
 

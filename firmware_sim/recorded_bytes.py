@@ -14,7 +14,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from .device import RECEIVERS, Device
 from .replay import DataError
@@ -31,15 +31,6 @@ _MODELS = {  # by driver: the emulated device for a model that begins like this
     "ubx": {"u-blox NEO-M8": "m8", "": "ubx"},
 }
 Chunks = list[tuple[int, bytes]]  # arrival in ns, and the bytes of one read
-
-
-class Streaming(Device, Protocol):
-    """An inertial sensor."""
-
-    @property
-    def streaming(self) -> bool:
-        """Whether it sends samples by itself."""
-        ...
 
 
 @dataclass

@@ -1,7 +1,6 @@
 """A headless Chromium, driven over its DevTools protocol: just enough to open a page, look at it and ask it things."""
 
 import asyncio
-import base64
 import contextlib
 import itertools
 import shutil
@@ -77,10 +76,6 @@ class Page:
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=size == PHONE
         )
         await self.do("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-
-    async def picture(self, path, whole=False):
-        answer = await self.do("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(answer["data"]))
 
 
 @contextlib.asynccontextmanager

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .types import RissParameters, RissState
 
 REST_SPEED, REST_ACCEL = 0.03, 0.03  # m/s, m/s^2, 1 sigma at rest
-COARSE_TILT = 0.1  # rad, sigma of the first roll and pitch: the acceleration is not known
 
 
 @kernel

@@ -146,6 +146,7 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("psd", "<f8", (2,)),  # m^2/s^3, rad^2/s
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
+        ("first_log_psd", "<f8", (2,)),  # when navigation began; infinite once the noise is known
         ("covariance", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2,)),  # of the filter of nine states, packed
         # derivatives by the logarithms of that covariance, packed, and of the estimate
         ("covariance_sensitivity", "<f8", (2, LEARNING_STATES * (LEARNING_STATES + 1) // 2)),

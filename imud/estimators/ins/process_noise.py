@@ -24,7 +24,8 @@ A noise of the attitude shows as an error of the velocity that grows, and return
 gone after it. The unknown is the logarithm of the noise plus a scale, because below some scale the derivative by a
 logarithm vanishes with the noise. Both are random walks with a prior, estimated by a Kalman filter of two states. What
 few or poor fixes cannot show stays at the prior. The first values are not those of a smooth car: on any other vehicle
-biases and the time offset would be certain, and wrong, before the noise is learned.
+biases and the time offset would be certain, and wrong, before the noise is learned. Where it turns out to be far larger
+all the same, they are opened again.
 
 Source: Ljung and Soderstrom, Theory and practice of recursive identification (1983), sec. 3.8: recursive maximum
 likelihood; Gupta and Mehra, Computational aspects of maximum likelihood estimation (1974): the sensitivity equations.
@@ -38,10 +39,11 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import measure, packed_index, shear, shear33
 from ..tuning import Tunable
-from .ekf import covariance, exponential
-from .state import ATTITUDE, LEARNING_STATES, POSITION, VELOCITY
+from .ekf import add_variance, covariance, exponential
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
 
 if TYPE_CHECKING:
     from ...math.arrays import Floats, Reals
@@ -69,6 +71,20 @@ TUNABLES = (
         "",
         "Sigma of the logarithm of a vehicle's process noise before it is learned.",
         "A factor of 400 from a smooth car to a multicopter: four sigmas.",
+    ),
+    Tunable(
+        "known_noise_sigma",
+        0.55,
+        "",
+        "Sigma of the logarithm below which a process noise is known.",
+        "Some ten fixes of centimetres.",
+    ),
+    Tunable(
+        "max_first_noise_error",
+        2.0,
+        "",
+        "Logarithm of a known process noise over the first value, above which what was estimated before is doubted.",
+        "A factor of 7.",
     ),
     Tunable(
         "process_noise_walk",
@@ -134,6 +150,8 @@ def set_psd(p: Parameters, c: Core) -> None:
 def clear_learning(c: Core) -> None:
     """The estimate is new: the filter of nine states begins with the covariance of it, and no sensitivity is known."""
     g, at = c.process_noise, 0
+    for k in range(2):
+        g.first_log_psd[k] = g.log_psd[k]
     g.estimate_sensitivity[:] = 0.0
     g.covariance_sensitivity[:] = 0.0
     for i in range(LEARNING_STATES):
@@ -233,6 +251,36 @@ def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float)
     c.process_noise.log_psd[0] += V[0] * by_velocity + V[1] * by_attitude
     c.process_noise.log_psd[1] += V[1] * by_velocity + V[2] * by_attitude
     set_psd(p, c)
+
+
+@kernel
+def was_too_small(p: Parameters, c: Core, k: int) -> bool:
+    """Whether noise k has just become known, and is far larger than the value with which navigation began."""
+    g = c.process_noise
+    if g.log_psd_covariance[2 * k] > p.tuning.known_noise_sigma**2:
+        return False
+    first = g.first_log_psd[k]
+    g.first_log_psd[k] = math.inf
+    return bool(g.log_psd[k] > first + p.tuning.max_first_noise_error)
+
+
+@kernel
+def doubt_earlier_estimates(p: Parameters, c: Core) -> None:
+    """After a fix: once a noise is known to be far larger than it was taken to be, open what was estimated meanwhile.
+
+    With a noise that is too small innovations are taken for errors of the sensor and of the time offset, which are then
+    certain and wrong, and do not change any more.
+    """
+    if was_too_small(p, c, 0):
+        tilt = p.accel_bias_sigma / STANDARD_GRAVITY
+        for i in range(3):
+            add_variance(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
+            add_variance(c, ATTITUDE + i, tilt * tilt)
+        if c.integrity.epochs == REPORTED_EPOCHS:
+            add_variance(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
+    if was_too_small(p, c, 1):
+        for i in range(3):
+            add_variance(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
 
 
 @kernel

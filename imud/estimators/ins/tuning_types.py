@@ -78,6 +78,7 @@ class Tuning:
     time_offset_floor: float
     constant_error_share: float
     bias_free_gate: float
+    offset_velocity_gate: float
     late_fix_accel: float
     turn_between_fixes_s: float
     min_course_speed: float
@@ -290,6 +291,8 @@ class Tuning:
     vibration_vrw: float
     vibration_arw: float
     process_noise_prior: float
+    known_noise_sigma: float
+    max_first_noise_error: float
     process_noise_walk: float
     max_learned_nis: float
     velocity_noise_scale: float

@@ -169,6 +169,7 @@ class Gnss:
     reported_sigma: Reals
     noise_var: Reals
     velocity_noise_var: float
+    offset_velocity: Reals
     given_lever_arm: Reals
 
 
@@ -199,6 +200,7 @@ class ProcessNoise:
     psd: Reals
     log_psd: Reals
     log_psd_covariance: Reals
+    first_log_psd: Reals
     covariance: Floats
     covariance_sensitivity: Tensor
     estimate_sensitivity: Tensor

@@ -20,7 +20,17 @@ from ..glr_tests.gnss_drift import detect_drift
 from ..integrity.alternating_receiver import count_position
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
-from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, OTHER_AXIS, POSITION, POSITION_AXIS, TIME_OFFSET
+from ..state import (
+    ATTITUDE,
+    GNSS_BIAS,
+    GNSS_LEVER_ARM,
+    NAVIGATING,
+    OTHER_AXIS,
+    POSITION,
+    POSITION_AXIS,
+    TIME_OFFSET,
+    VELOCITY,
+)
 from .gnss_gate import gate_height, gate_position, only_receiver_supports, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
@@ -45,6 +55,13 @@ TUNABLES = (
         "Gate of a position innovation without the estimated GNSS bias.",
         "A bias drifts, it does not jump.",
     ),
+    Tunable(
+        "offset_velocity_gate",
+        9.0,
+        "",
+        "Square of a change of velocity over its variance from which it shows the time offset.",
+        "Three sigma.",
+    ),
     Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed from a fix to its fusion.", "Choice."),
     Tunable(
         "turn_between_fixes_s", 1.0, "s", "Time over which an error of the lever arm acts in a turn.", "1 Hz receivers."
@@ -62,10 +79,10 @@ def position_offset(c: Core, fix: Fix, out: Reals) -> None:
 
 
 @kernel
-def position_jacobian(c: Core, lever: Vector, velocity: Vector, i: int) -> int:
+def position_jacobian(c: Core, lever: Vector, i: int) -> int:
     """Jacobian of the position along axis i: position, attitude, GNSS bias, time offset; returns its length.
 
-    lever: lever arm, m, NED; velocity: the antenna's, m/s, NED.
+    lever: lever arm, m, NED.
     """
     length = set_jacobian(c, 0, POSITION + i, 1.0)
     length = set_jacobian3(c, length, ATTITUDE, attitude_row(lever, i))
@@ -73,11 +90,29 @@ def position_jacobian(c: Core, lever: Vector, velocity: Vector, i: int) -> int:
     if c.alignment.mode != NAVIGATING:
         return length
     length = set_jacobian3(c, length, GNSS_LEVER_ARM, arm_position_row(c, i))
-    return set_jacobian(c, length, TIME_OFFSET, -velocity[i])
+    return set_jacobian(c, length, TIME_OFFSET, -c.gnss.offset_velocity[i])
 
 
 @kernel
-def max_nis(p: Parameters, c: Core, lever: Vector, velocity: Vector, extra: float, first: int, last: int) -> float:
+def hold_offset_velocity(p: Parameters, c: Core, velocity: Vector) -> float:
+    """Hold the velocity by which the time offset shifts a position until it has changed; returns what that may cost.
+
+    The velocity's error belongs to that of the position. If it were in the Jacobian, the position's innovations would
+    be correlated with its Jacobian, and give a wrong time offset that is certain (errors in variables). So only changes
+    beyond the sigma count: an acceleration shows a time offset. velocity: the antenna's, m/s, NED. Returns m^2.
+    """
+    held, missed = c.gnss.offset_velocity, 0.0
+    for i in range(3):
+        change = velocity[i] - held[i]
+        if change * change > p.tuning.offset_velocity_gate * variance(c, VELOCITY + i):
+            held[i] = velocity[i]
+        else:
+            missed += change * change
+    return missed * variance(c, TIME_OFFSET)
+
+
+@kernel
+def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, last: int) -> float:
     """Largest NIS of axes first to last - 1, with and without the GNSS bias, on the scale of gnss_position_gate.
 
     extra: m^2, variance of each axis beyond the receiver's white noise. The NIS without the bias rejects positions that
@@ -86,7 +121,7 @@ def max_nis(p: Parameters, c: Core, lever: Vector, velocity: Vector, extra: floa
     largest, z = 0.0, c.scratch.position_innovation
     for i in range(first, last):
         r = c.gnss.noise_var[i // 2] + extra
-        s = innovation_variance(c, position_jacobian(c, lever, velocity, i)) + r
+        s = innovation_variance(c, position_jacobian(c, lever, i)) + r
         without_bias = variance(c, POSITION + i) + c.gnss.reported_sigma[i // 2] ** 2 + r
         nis = (z[i] + c.nav.gnss_bias[i]) ** 2 / without_bias
         largest = max(largest, z[i] ** 2 / s, nis * (p.tuning.gnss_position_gate / p.tuning.bias_free_gate))
@@ -94,11 +129,11 @@ def max_nis(p: Parameters, c: Core, lever: Vector, velocity: Vector, extra: floa
 
 
 @kernel
-def excess_variance(c: Core, lever: Vector, velocity: Vector, extra: float) -> float:
+def excess_variance(c: Core, lever: Vector, extra: float) -> float:
     """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
     most, z = 0.0, c.scratch.position_innovation
     for i in range(2):
-        s = innovation_variance(c, position_jacobian(c, lever, velocity, i)) + c.gnss.noise_var[0] + extra
+        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[0] + extra
         most = max(most, z[i] ** 2 - s)
     return most
 
@@ -118,20 +153,22 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
         z[i] += age * velocity[i] - lever[i] - c.nav.gnss_bias[i]
-    nis = max_nis(p, c, lever, velocity, extra, 0, 2)
+    if c.alignment.mode == NAVIGATING:
+        extra += hold_offset_velocity(p, c, velocity)
+    nis = max_nis(p, c, lever, extra, 0, 2)
     receiver_share = 0.0
     if nis > p.tuning.gnss_position_gate:
-        receiver_share = split_excess(p, c, excess_variance(c, lever, velocity, extra))
+        receiver_share = split_excess(p, c, excess_variance(c, lever, extra))
     after_rejects = c.integrity.reject_count[0] > 0
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
     count_position(p, c, horizontal, after_rejects)
-    height = horizontal and gate_height(p, c, max_nis(p, c, lever, velocity, extra, 2, 3))
+    height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):
             continue
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (receiver_share if i < 2 else 0.0)
-        length, gate = position_jacobian(c, lever, velocity, i), NO_GATE if accepted else REJECT
+        length, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
         value, s, nis = fix_update(p, c, length, z[i], r, gate, POSITION_AXIS + i if i < 2 else OTHER_AXIS)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations

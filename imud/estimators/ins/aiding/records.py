@@ -13,6 +13,7 @@ GNSS = np.dtype(
         ("reported_sigma", "<f8", (2,)),  # m, by the receiver, horizontal and vertical
         ("noise_var", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
+        ("offset_velocity", "<f8", (3,)),  # m/s, NED, by which the time offset shifts a position
         ("given_lever_arm", "<f8", (4,)),  # m, body, and its sigma, by the user; NaN before the first fix
     ],
     align=True,

@@ -130,7 +130,7 @@ class Filter:
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
         profile = dataclasses.replace(self._profile, **(ranges | self._given_ranges))
-        self.health[:] = new_health(profile, sensor.rate_hz, is_device=True)
+        self.health[:] = new_health(profile, sensor.rate_hz, is_device=True, gyro_axes=sensor.gyro_axes)
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""

@@ -1,5 +1,6 @@
 """A defect that one client, request, view or device meets ends that one: it is counted, and logged once."""
 
+import errno
 import json
 import select
 import socket
@@ -33,6 +34,20 @@ def test_errors_are_counted_and_each_kind_is_logged_once():
     assert "a test: ValueError in tests/test_containment.py" in errors.last
     assert [line["log_level"] for line in lines] == ["error", "error"]
     assert "OverflowError" in lines[0]["event"] and "int too large" in lines[0]["traceback"]
+
+
+def test_an_error_is_contained_also_where_its_traceback_cannot_be_made(monkeypatch):
+    def no_descriptors(*_, **__):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("traceback.extract_tb", no_descriptors)
+    monkeypatch.setattr("traceback.format_exception", no_descriptors)
+    with capture_logs() as lines:
+        errors = ContainedErrors()
+        with errors.contain("a test"):
+            broken()
+    assert errors.count == 1
+    assert "OverflowError in tests/test_containment.py" in lines[0]["event"] and lines[0]["traceback"] == ""
 
 
 def test_an_error_with_a_message_of_its_own_is_not_contained():

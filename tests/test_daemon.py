@@ -88,6 +88,11 @@ def test_the_configuration_is_read_again(tmp_path):
         imud.process.send_signal(signal.SIGHUP)
         imud.says("the configuration stays as it was")
         imud.says("gnss.foo: unknown key")
+        file.unlink()
+        os.mkfifo(file)  # as /dev/fd/63 of `--config <(…)` is; nobody writes to it
+        imud.process.send_signal(signal.SIGHUP)
+        imud.says("it is no regular file")
+        file.unlink()
         file.write_text("estimator = 'attitude'\n[gnss]\nmax_hdop = 0.1\n")
         imud.process.send_signal(signal.SIGHUP)
         imud.says("changed=gnss.max_hdop")

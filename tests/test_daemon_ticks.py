@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
 from imud.configuration.settings import Settings
 from imud.daemon.load import Load
@@ -72,6 +73,42 @@ UNSETTLED = (
 def test_unsettled_it_ticks_ten_times_a_second(daemon, change):
     change(daemon)
     assert daemon._tick_ns == 10 * SECOND + 100 * MS
+
+
+def broken():
+    raise IndexError("list index out of range")
+
+
+def test_a_reload_that_fails_in_whatever_way_ends_for_the_service_manager(daemon):
+    sent = []
+    daemon._notifier = SimpleNamespace(send=lambda *assignments: sent.append(assignments[0]))
+    daemon._reread = broken
+    with daemon._errors.contain("the reading of the configuration"):
+        daemon._reload()
+    assert sent == ["RELOADING=1", "READY=1"] and daemon._errors.count == 1
+
+
+def test_without_a_thread_left_the_state_is_kept_as_soon_as_there_is_one(monkeypatch):
+    saved = []
+
+    def no_thread(*_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr("imud.daemon.checkpoint_file.save", lambda sensor, port, checkpoint: saved.append(checkpoint))
+    newest = np.zeros(1, SOLUTION)
+    newest["sigma_bg"] = newest["sigma_ba"] = 1.0
+    filter_ = SimpleNamespace(checkpoint=lambda: b"state", correction=None)
+    sensor = SimpleNamespace(newest=newest[0], pipeline=SimpleNamespace(filter=filter_))
+    configured, store = ImuConfigured(Identity("epson", ""), 1000.0, 1_000_000, 0, 0), StateStore()
+    with monkeypatch.context() as limited, capture_logs() as lines:
+        limited.setattr("_thread.start_new_thread", no_thread)
+        for second in range(1, 4):
+            store.save_when_due(configured, "/dev/imu", sensor, [], second * SECOND)
+    (line,) = lines
+    assert "cannot be kept over a restart" in line["event"] and saved == []
+    store.save_when_due(configured, "/dev/imu", sensor, [], 4 * SECOND)
+    assert store._wait()
+    assert saved == [b"state"]
 
 
 def test_a_disk_that_stalls_gets_one_checkpoint_at_a_time(monkeypatch):

@@ -191,6 +191,26 @@ def test_out_of_descriptors_clients_receive_an_error_and_are_rejected(loop):
     assert loop.connect().classes() == ["VERSION"]
 
 
+def test_clients_leave_descriptors_for_ports_files_and_recordings(loop):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.dup(0)
+    os.close(lowest)
+    limit = lowest + 60
+    clients = []
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
+        while loop.server.counters.refused == 0:  # client and server are one process: each connection costs two
+            clients.append(loop.connect())
+        free = [os.dup(0) for _ in range(min(32, limit // 4) - 1)]  # the refused client has the last one
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    for fd in free:
+        os.close(fd)
+    (message,) = clients[-1].receive()
+    assert message["message"] == "no descriptor left for another client"
+    assert loop.server.clients == len(clients) - 1 > 0
+
+
 def test_out_of_descriptors_and_without_a_reserve_the_listener_waits_for_the_next_second(loop):
     waiting = socket.create_connection(("127.0.0.1", int(loop.server.addresses[0].rpartition(":")[2])))
     loop.sockets.append(waiting)

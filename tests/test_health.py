@@ -13,7 +13,7 @@ from imud.drivers.jit import kernel
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, NO_RATE_AXES, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_monitor.findings import words
-from imud.sensor_monitor.health import check_sample, new_health, recent_findings
+from imud.sensor_monitor.health import BLOCK, check_sample, new_health, recent_findings
 
 G = 9.80665
 G350 = PROFILES["m-g350"]
@@ -148,6 +148,41 @@ def test_a_device_that_repeats_one_sample_from_its_first_block_on_is_reported_un
     assert words(recent_findings(of_device(samples[: first + 1], rate))) == repeated
     assert words(recent_findings(of_device(samples[:end], rate))) == repeated
     assert words(recent_findings(of_device(samples, rate))) == ()
+    assert not samples["flags"].any()
+
+
+@pytest.mark.parametrize("axes", [(0,), (1,), (2,), (0, 1), (3,), (5,), (3, 4)])
+@pytest.mark.parametrize("different", [0, 30])
+@pytest.mark.parametrize("motion", [0.0, 1.0])
+def test_an_axis_that_never_changes_beside_others_that_do_is_found_within_two_seconds(axes, different, motion):
+    samples = noisy(10.0, np.random.default_rng(9), motion=motion)
+    values = samples["w"] if axes[0] < 3 else samples["f"]
+    for axis in axes:
+        values[different:, axis % 3] = 0.0
+    of_device(samples)
+    mine, other = (NO_RATE, NO_FORCE) if axes[0] < 3 else (NO_FORCE, NO_RATE)
+    marked = np.flatnonzero(samples["flags"] & mine)
+    assert np.array_equal(marked, np.arange(max(different + RATE, 2 * BLOCK), len(samples)))
+    assert not (samples["flags"] & other).any()
+    assert samples["outage_s"][marked] == pytest.approx((marked - different) / RATE, abs=2.5 / RATE)
+    if mine == NO_RATE:
+        assert (samples["flags"][marked] // NO_RATE_AXES & 7 == sum(1 << axis for axis in axes)).all()
+
+
+def test_gyros_that_a_device_does_not_have_are_not_frozen():
+    samples = noisy(10.0, np.random.default_rng(10))
+    samples["w"][:, :2] = 0.0
+    run(new_health(G350, RATE, is_device=True, gyro_axes=(False, False, True)), samples)
+    assert not samples["flags"].any()
+
+
+@pytest.mark.parametrize("lsbs", [0.3, 0.5, 0.7])
+def test_a_quieter_axis_of_a_device_is_not_frozen(lsbs):
+    samples = noisy(60.0, np.random.default_rng(11))
+    quiet = noisy(60.0, np.random.default_rng(12), gyro_lsbs=lsbs, accel_lsbs=lsbs)
+    for kind in ("w", "f"):
+        samples[kind][:, 1] = quiet[kind][:, 1]
+    of_device(samples)
     assert not samples["flags"].any()
 
 

@@ -259,6 +259,13 @@ def test_minus_one_of_a_phone_is_unknown(tmp_path):
     assert (fix["height"], fix["v"][2]) == (-1.0, -1.0)
 
 
+def test_a_column_that_is_there_twice_is_refused(tmp_path):
+    path = tmp_path / "imu.csv"
+    path.write_text(HEADER.strip() + ",gx_radps\n" + "".join(f"{k},0,0,0,0,0,-9.8,5\n" for k in range(3)))
+    with pytest.raises(BadDataError, match="line 1: more than one column gx_radps"):
+        tables.read_imu(path)
+
+
 def test_missing_file_and_missing_column(tmp_path):
     with pytest.raises(InputMissingError, match="no such file"):
         tables.read_imu(tmp_path / "absent.csv")

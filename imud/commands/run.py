@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         texts = settings.ports
 
         def reread() -> Settings:
-            fresh = _settings(args)
+            fresh = _settings(args, regular_only=True)
             same = expanded(fresh.ports) == texts
             return simulated.settings_of(fresh, emulated if same else simulated.Emulated(fresh.ports))
 
@@ -86,8 +86,8 @@ def _check(settings: Settings) -> None:
         parse_path(settings.stream.listen)
 
 
-def _settings(args: argparse.Namespace) -> Settings:
-    """The configuration file and what overrides it. Raises ConfigError."""
+def _settings(args: argparse.Namespace, regular_only: bool = False) -> Settings:
+    """The configuration file and what overrides it; regular_only: as in `config.load`. Raises ConfigError."""
     given = {
         "ports": args.port,
         "gpsd.listen": args.listen,
@@ -95,5 +95,5 @@ def _settings(args: argparse.Namespace) -> Settings:
         "gnss.rtcm": args.rtcm,
         "initial": args.initial,
     }
-    settings = config.load(args.config, args.set, {key: value for key, value in given.items() if value})
+    settings = config.load(args.config, args.set, {key: value for key, value in given.items() if value}, regular_only)
     return replace(settings, estimator=args.estimator) if args.estimator else settings

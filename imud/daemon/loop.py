@@ -267,4 +267,5 @@ class Daemon:
             self._log.info("read the configuration again", changed=", ".join(taken) or "nothing")
             if waiting:
                 self._log.warning(f"takes effect at the next start: {', '.join(waiting)}")
-        self._notifier.send("READY=1")
+        finally:
+            self._notifier.send("READY=1")

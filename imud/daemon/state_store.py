@@ -87,14 +87,21 @@ class StateStore:
                     for rotation in rotations:
                         stored_rotation.save(rotation, now_ns)
             except OSError as error:
-                if not self._warned:
-                    get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")
-                self._warned = True
+                self._warn(error)
             finally:
                 self._writing.release()
 
         self._writing.acquire()
-        _thread.start_new_thread(save, ())  # without `threading`, whose start waits for the thread
+        try:
+            _thread.start_new_thread(save, ())  # without `threading`, whose start waits for the thread
+        except RuntimeError as error:  # the limit of threads, or of memory
+            self._writing.release()
+            self._warn(error)
+
+    def _warn(self, error: Exception) -> None:
+        if not self._warned:
+            get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")
+        self._warned = True
 
 
 def calibration_of(identity: Identity) -> Calibration:

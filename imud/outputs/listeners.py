@@ -1,8 +1,12 @@
-"""The listening sockets of a server. A connection is accepted, or rejected while no file descriptor is free."""
+"""The listening sockets of a server. A connection is accepted, or rejected while too few file descriptors are free.
+
+Some are kept for ports, files and recordings: clients, however many, do not keep a sensor from being opened again.
+"""
 
 import contextlib
 import errno
 import os
+import resource
 import select
 import socket
 from collections.abc import Sequence
@@ -13,6 +17,7 @@ from .addresses import Address, address_text, listen
 
 TOO_MANY, NO_DESCRIPTORS = "too many clients", "no descriptor left for another client"  # the reasons, as sent
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)  # accept() fails with one of these
+_RESERVED_MAX = 32  # descriptors that no client may use; at most a quarter of all
 
 
 class Poller(Protocol):
@@ -24,7 +29,7 @@ class Poller(Protocol):
 
 
 class RejectedError(Exception):
-    """The server rejected the connection: no file descriptor is free."""
+    """The server rejected the connection: no file descriptor is left for it."""
 
 
 class Listeners:
@@ -62,10 +67,15 @@ class Listeners:
         """The next connection; None: no client waits, or none can be accepted before `tick`. Raises RejectedError."""
         listener = self._sockets[fd]
         try:
-            return listener.accept()[0]
+            sock = listener.accept()[0]
         except OSError as error:
             if error.errno not in _EXHAUSTED:
                 return None
+        else:
+            if sock.fileno() < _client_limit():
+                return sock
+            _reject(sock, self._rejection)
+            raise RejectedError
         if self._spare.reject(listener, self._rejection):
             raise RejectedError
         self.pause(fd)  # poll would report the same client again at once
@@ -93,6 +103,18 @@ class Listeners:
         self._spare.close()
 
 
+def _client_limit() -> int:
+    """A client's descriptor is below this number: the system gives out the lowest one that is free."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return limit - min(_RESERVED_MAX, limit // 4)
+
+
+def _reject(sock: socket.socket, rejection: bytes) -> None:
+    """Send the client `rejection`, and disconnect it."""
+    with sock, contextlib.suppress(OSError):
+        sock.send(rejection, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+
+
 class SpareDescriptor:
     """An open file descriptor. Once no other is free, the server closes it to accept and reject a waiting client."""
 
@@ -112,8 +134,7 @@ class SpareDescriptor:
         except OSError:
             return False
         else:
-            with sock, contextlib.suppress(OSError):
-                sock.send(rejection, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            _reject(sock, rejection)
             return True
         finally:
             self._reopen()

@@ -36,15 +36,33 @@ class ContainedErrors:
 
     def report(self, what: str, error: Exception) -> None:
         """Count an exception that ended `what`; log it unless the same line has raised the same type before."""
-        import traceback  # which a daemon without a defect does not need
-
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        file = Path(frame.filename)
-        place = f"{file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else file.name}:{frame.lineno}"
+        code, line = _place(error)
+        file = Path(code)
+        place = f"{file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else file.name}:{line}"
         kind = f"{type(error).__name__} in {place}"
         self.count += 1
         self.last = f"{what}: {kind}: {error}"
         if kind not in self._logged and len(self._logged) < _KINDS_MAX:
             self._logged.add(kind)
-            trace = "".join(traceback.format_exception(error))
-            self._log.error(f"a defect of imud ended {what}; please report it: {kind}: {error}", traceback=trace)
+            self._log.error(
+                f"a defect of imud ended {what}; please report it: {kind}: {error}", traceback=_traceback(error)
+            )
+
+
+def _place(error: Exception) -> tuple[str, int]:
+    """The file and the line that raised it."""
+    raised = error.__traceback__
+    assert raised is not None
+    while raised.tb_next is not None:
+        raised = raised.tb_next
+    return raised.tb_frame.f_code.co_filename, raised.tb_lineno
+
+
+def _traceback(error: Exception) -> str:
+    """Its traceback; empty if that cannot be made for lack of what the error itself lacked: descriptors, memory."""
+    try:
+        import traceback  # which a daemon without a defect does not need
+
+        return "".join(traceback.format_exception(error))
+    except (ImportError, OSError, MemoryError):
+        return ""

@@ -10,6 +10,11 @@ they were smallest. An axis can be found frozen only if these were at least MIN_
 smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
+The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the
+gyros of a device have about the same noise and resolution, and so have its accelerometers. Such an axis is frozen if it
+has repeated for ALL_REPEAT_S, and the quietest neighbour of known noise has NEIGHBOUR_NOISE_STEPS times its resolution.
+This holds for devices only, not for arrays and tables, and not for an axis that the device does not have.
+
 The noise of a device that repeats one sample from its first block on cannot be learned. When all axes have repeated for
 ALL_REPEAT_S this is reported until one changes, but its samples are used: where the resolution is so coarse that all
 axes are constant at rest, they are right. Arrays and tables may come from a simulation without noise, so this holds for
@@ -53,11 +58,12 @@ if TYPE_CHECKING:
 
 MIN_REPEATS, MIN_REPEATS_S = 20, 0.1  # least number, and time, of equal samples of a frozen axis
 HOLD_FACTOR = 8  # an axis is frozen from so many times its longest hold on
-ALL_REPEATS, ALL_REPEAT_S = 100, 1.0  # the same where all axes repeat and their noise is not known
+ALL_REPEATS, ALL_REPEAT_S = 100, 1.0  # the same where the noise of an axis, or of all, is not known
 BLOCK = 256  # samples over which noise is measured
 LONG_HOLD = 8  # equal samples from which an axis is checked; noise is not measured in their block
 MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; white noise has three times as many
 MIN_NOISE_STEPS = 2.0  # mean second difference, in resolutions, from which 20 equal samples in a row are impossible
+NEIGHBOUR_NOISE_STEPS = 4.0  # the same of a neighbour; an axis of a third of its noise would change in a second, too
 ZERO_SAMPLES = 3  # samples in a row whose specific force is exactly 0
 IMPOSSIBLE_RATIO = 2.0  # a reading beyond so many times the range is impossible
 RANGE_SHARE = 0.999  # a reading from this share of the range on is at its end: scale factors are rounded
@@ -81,6 +87,7 @@ HEALTH = np.dtype(
         ("profile_noise", "<f8", (6,)),  # standard deviation of a sample by the profile, same units
         ("min_repeats", "<i8"),
         ("all_repeats", "<i8"),  # samples from which it is reported that all axes repeat
+        ("unchanged_repeats", "<i8", (6,)),  # from which an axis that has never changed is frozen
         ("far_samples", "<i8"),  # in FAR_S
         ("near_samples", "<i8"),  # in NEAR_S
         ("samples", "<i8"),
@@ -113,10 +120,16 @@ HEALTH = np.dtype(
 )
 
 
-def new_health(profile: Profile, rate_hz: float, is_device: bool = False) -> NDArray[np.void]:
+def new_health(
+    profile: Profile,
+    rate_hz: float,
+    is_device: bool = False,
+    gyro_axes: tuple[bool, bool, bool] = (True, True, True),
+) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`.
 
     is_device: its samples come from a device, not from arrays or tables that may have been simulated without noise.
+    gyro_axes: which gyros it has; the rates of the others are constant.
     """
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((RANGE_SHARE * profile.gyro_range, RANGE_SHARE * profile.accel_range), 3)
@@ -126,6 +139,7 @@ def new_health(profile: Profile, rate_hz: float, is_device: bool = False) -> NDA
     h["profile_noise"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["min_repeats"] = max(MIN_REPEATS, round(MIN_REPEATS_S * rate_hz))
     h["all_repeats"] = max(ALL_REPEATS, round(ALL_REPEAT_S * rate_hz)) if is_device else np.iinfo(np.int64).max
+    h["unchanged_repeats"] = np.where((*gyro_axes, True, True, True), h["all_repeats"][0], np.iinfo(np.int64).max)
     h["far_samples"], h["near_samples"] = max(MIN_REPEATS, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
     h["resolution"] = h["noise"] = math.inf
     h["value"] = math.nan
@@ -171,6 +185,17 @@ def end_block(h: Health) -> None:
 
 
 @kernel
+def has_noisy_neighbours(h: Health, i: int) -> bool:
+    """Whether axis i would change if it had a third of the noise of the gyros, or accelerometers, beside it."""
+    steps = math.inf
+    first = 3 * (i // 3)
+    for k in range(first, first + 3):
+        if h.noise[k] < math.inf:
+            steps = min(steps, h.noise[k] / h.resolution[k] if h.resolution[k] <= h.profile_noise[k] else 0.0)
+    return bool(NEIGHBOUR_NOISE_STEPS <= steps < math.inf)
+
+
+@kernel
 def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     """Whether axis i has held its value for too long."""
     most = max(h.min_repeats, HOLD_FACTOR * h.longest_hold[i])
@@ -183,6 +208,8 @@ def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
         h.repeats_start_ns[i] = t_ns - LONG_HOLD * (t_ns - h.last_ns)
     h.hold[i] = h.repeats[i]
     h.block_invalid[i] = 1
+    if h.repeats[i] >= h.unchanged_repeats[i] and h.samples - h.repeats[i] < BLOCK:
+        return has_noisy_neighbours(h, i)
     fine = MIN_NOISE_STEPS * h.resolution[i] <= h.noise[i] < math.inf and h.resolution[i] <= h.profile_noise[i]
     return bool(fine and h.repeats[i] >= most)
 

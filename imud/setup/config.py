@@ -15,6 +15,7 @@ import msgspec
 from ..configuration.schema import is_table, is_valid, keys, kind_of
 from ..configuration.settings import Initial, Settings
 from ..errors import ConfigError
+from ..folders import read_file
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
 _FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB
@@ -79,18 +80,27 @@ def _merge(table: dict[str, Any], path: list[str], value: Any) -> None:
     table[path[-1]] = value
 
 
-def load(file: Path | None, overrides: Iterable[str] = (), given: Mapping[str, Any] | None = None) -> Settings:
+def load(
+    file: Path | None,
+    overrides: Iterable[str] = (),
+    given: Mapping[str, Any] | None = None,
+    regular_only: bool = False,
+) -> Settings:
     """Read and check. Overrides (KEY=VALUE) win over the file, `given` (values by key path) over both.
 
+    regular_only: refuse a pipe, whose reading would wait for another program, and would find it empty a second time.
     Raises ConfigError listing every problem: unreadable file, TOML syntax, unknown keys, wrong types and ranges.
     """
-    return loads("" if file is None else _read(file), overrides, str(file), given)
+    return loads("" if file is None else _read(file, regular_only), overrides, str(file), given)
 
 
-def _read(file: Path) -> str:
+def _read(file: Path, regular_only: bool) -> str:
     try:
-        with file.open("rb") as opened:
-            data = opened.read(_FILE_MAX + 1)
+        if regular_only:
+            data = read_file(file)
+        else:
+            with file.open("rb") as opened:
+                data = opened.read(_FILE_MAX + 1)
         if len(data) > _FILE_MAX:
             raise ConfigError(f"the configuration {file} is longer than {_FILE_MAX >> 10} KiB: not a configuration")
         return data.decode()

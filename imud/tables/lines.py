@@ -63,6 +63,8 @@ class Table:
                 raise BadDataError(f"{self.path}: not a text, so no table and no NMEA log either")
             seen = textwrap.shorten(has, _SHOWN, placeholder=" …")
             raise BadDataError(f"{where}: no column {', '.join(missing)}; the header must name {must}; it is: {seen}")
+        if double := [name for name in wanted if list(self.names).count(name) > 1]:
+            raise BadDataError(f"{self.path} line {self.header}: more than one column {', '.join(double)}")
         return [list(self.names).index(name) for name in wanted]
 
     def lines(self) -> Iterator[bytes]:

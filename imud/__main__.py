@@ -17,6 +17,7 @@ _SELDOM_USED = (
     *("numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),  # docstrings, which numpy imports
 )
 _INTERRUPTED, _TERMINATED = 130, 143
+_AGAIN_S = 0.05
 
 
 def _ended(arguments: list[str]) -> int:
@@ -29,7 +30,15 @@ def main() -> int:
     terminated = _ended(sys.argv[1:])
 
     def end(number: int, frame: FrameType | None) -> NoReturn:
-        sys.unraisablehook = lambda _: None  # objects that the signal leaves half made: they cannot be deleted properly
+        def ignored(what: "sys.UnraisableHookArgs") -> None:
+            """Of objects that the signal leaves half made, which cannot be deleted properly; or of the signal itself,
+            which came while one was deleted, or in a callback from C: then it comes again.
+            """
+            if isinstance(what.exc_value, SystemExit | KeyboardInterrupt):
+                signal.signal(signal.SIGALRM, lambda _, frame: end(number, frame))
+                signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+
+        sys.unraisablehook = ignored
         raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(terminated)
 
     signal.signal(signal.SIGTERM, lambda number, frame: os._exit(terminated))

@@ -286,6 +286,36 @@ def test_what_a_signal_leaves_half_made_goes_without_a_word(name):
     assert (ended.returncode, ended.stdout, ended.stderr) == (5, "", "")
 
 
+_DELETED = """
+import os, signal, sys, time
+import imud.__main__, imud.commands
+
+class Deleted:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+
+def command():
+    Deleted()
+    time.sleep(600)
+
+imud.commands.main = command
+sys.exit(imud.__main__.main())
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 0), ("SIGINT", -signal.SIGINT)])
+def test_a_signal_that_comes_while_an_object_is_deleted_is_not_lost(name, code):
+    """Python ignores an exception there."""
+    ended = subprocess.run(
+        [sys.executable, "-c", _DELETED.format(name=name)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert (ended.returncode, ended.stdout) == (code, "")
+
+
 def test_a_hang_up_that_nohup_had_ignored_ends_nothing(tmp_path):
     log = tmp_path / "log"
     command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))

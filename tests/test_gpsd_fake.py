@@ -99,11 +99,11 @@ def test_the_fixes_are_those_of_the_log(tmp_path, style):
 def test_of_two_receivers_one_counts_and_the_other_takes_over(tmp_path):
     """Both play at once; the first is the one that ends early."""
     short, long = tmp_path / "short.log", tmp_path / "long.log"
-    short.write_bytes(b"".join(line for k in range(60) for line in Burst("nmea-rtk, 10 Hz", k).lines))
-    times = [f"12{k // 60:02d}{k % 60:02d}.000" for k in range(220)]
+    short.write_bytes(b"".join(line for k in range(90) for line in Burst("nmea-rtk, 10 Hz", k).lines))
+    times = [f"12{k // 60:02d}{k % 60:02d}.000" for k in range(330)]
     long.write_bytes(b"".join(gga(time_of_day) + rmc(time_of_day, motion="10.0,90.0") for time_of_day in times))
     with playing(short, long) as line:
-        fixes, decoder = fixes_of(line, lambda fix: fix.utc_s == 43_200.0 + 210)
+        fixes, decoder = fixes_of(line, lambda fix: fix.utc_s == 43_200.0 + 320)
     from_long = [abs(fix.lat_deg - (48 + 7.038 / 60)) < 1e-6 for fix in fixes]
     changes = sum(a != b for a, b in itertools.pairwise(from_long))
     assert from_long[-1] and changes <= 1, from_long

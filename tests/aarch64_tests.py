@@ -49,7 +49,7 @@ def main() -> int:
     root, log = folder / "arm64", folder / "tests.log"
     log.write_text("")
     files = [f"{Path(name).stem}.py" for name in arguments.files or TESTS]
-    pytest = f"python3 -m pytest -o addopts= -p no:cacheprovider -q -rfEs --timeout={TIMEOUT_S}"
+    pytest = f"python3 -m pytest -o addopts= -p no:cacheprovider -v -rfEs --timeout={TIMEOUT_S}"
     try:
         register("arm64", log)
         make_root("arm64", root, log)

@@ -114,21 +114,22 @@ def main() -> int:
     parts = parts_list(built)
     (folder / "imud.cdx.json").write_text(json.dumps(parts, indent=1))
     print(f"parts list: {len(parts['components'])} packages")  # type: ignore[arg-type]
-    audited = audit(parts, folder)
+    audited = audit(parts)
     different = arguments.machines and not other_machines(folder)
     return 1 if len(digests) > 1 or audited or different else 0
 
 
-def audit(parts: dict[str, object], folder: Path) -> int:
+def audit(parts: dict[str, object]) -> int:
     """Have pip-audit look for vulnerabilities in the parts; not 0 if there are some, or one could not be looked up."""
     if not importlib.util.find_spec("pip_audit"):
         print("NOT audited: pip install pip-audit")
-        return 0
-    needed = folder / "imud-needs.txt"
+        return 1
     _, *others = parts["components"]  # type: ignore[misc, attr-defined]
-    needed.write_text("".join(f"{each['name']}=={each['version']}\n" for each in others))
-    command = [sys.executable, "-m", "pip_audit", "-r", str(needed), "--no-deps", "--disable-pip", "--strict"]
-    failed = subprocess.run(command, check=False).returncode
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as needed:
+        needed.write("".join(f"{each['name']}=={each['version']}\n" for each in others))
+        needed.flush()
+        command = [sys.executable, "-m", "pip_audit", "-r", needed.name, "--no-deps", "--disable-pip", "--strict"]
+        failed = subprocess.run(command, check=False).returncode
     if failed:
         print("NOT audited, or vulnerable: see above; it needs PyPI's JSON, which a mirror may not have")
     return failed

@@ -135,6 +135,7 @@ def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):
         assert len(list(listening.datagrams())) == sent  # those of a well-behaved program, at once
 
 
+@pytest.mark.thorough
 def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     imu, gnss, aiding = tmp_path / "imu", tmp_path / "gnss", tmp_path / "aiding"
     ports = ("--port", str(imu), "--port", str(gnss))

@@ -308,6 +308,7 @@ def test_the_page_shows_what_the_filter_has_found_of_receiver_and_vehicle(tmp_pa
         asyncio.run(serve(url))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
     ports = ("--port", "sim:car", "--port", "sim:car:nmea")

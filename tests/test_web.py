@@ -31,8 +31,8 @@ def page_server(address, listen="127.0.0.1:0"):
 
 
 @contextlib.asynccontextmanager
-async def scripted_daemon(path, *lines):
-    """A socket that says these lines to whoever asks; yields the requests."""
+async def scripted_daemon(path, *lines, answer=b""):
+    """A socket that says these lines to whoever asks, and `answer` to what is asked later; yields the requests."""
     asked, writers = [], []
 
     async def serve(reader, writer):
@@ -42,6 +42,7 @@ async def scripted_daemon(path, *lines):
         with contextlib.suppress(ConnectionError):
             while line := await reader.readline():
                 asked.append(line)
+                writer.write(answer + b"\r\n" if answer else b"")
 
     path.unlink(missing_ok=True)
     server = await asyncio.start_unix_server(serve, path)
@@ -306,6 +307,59 @@ def test_the_page_shows_what_the_filter_has_found_of_receiver_and_vehicle(tmp_pa
 
     with page_server(tmp_path / "gpsd.sock") as url:
         asyncio.run(serve(url))
+
+
+YAW = {"q0": 1, "q1": 0, "q2": 0, "q3": 0, "pitch_deg": 0.0, "sroll_deg": 0.5, "spitch_deg": 0.5, "imu_health": "ok"}
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+@pytest.mark.parametrize(
+    ("state", "yaw_deg", "syaw_deg", "row"),
+    [
+        ("attitude", 0.1, 103.923, "yaw –"),
+        ("attitude", 0.1, 0.04, "yaw 0.10 ± 0.040"),
+        ("attitude,heading", -160.0, 1.25, "heading 200.00 ± 1.3"),
+        ("attitude", -160.0, 101.5, "yaw 200.00 ± 102"),
+    ],
+)
+def test_a_yaw_is_shown_for_what_it_is_and_stays_when_the_sensor_is_silent(state, yaw_deg, syaw_deg, row, tmp_path):
+    est = EST | YAW | {"state": state, "yaw_deg": yaw_deg, "syaw_deg": syaw_deg}
+    lines = [json.dumps(line).encode() for line in ({"class": "VERSION"}, est)]
+    motion, health = (
+        f"document.getElementById('{name}').innerText.replace(/\\s+/g, ' ')" for name in ("motion", "health")
+    )
+
+    async def serve(url):
+        sky = b'{"class":"SKY","uSat":9}'
+        async with scripted_daemon(tmp_path / "gpsd.sock", *lines, answer=sky), browser(tmp_path / "profile") as page:
+            await page.open(url)
+            await page.until(f"{health}.includes('satellites in use 9') && {LINK}.startsWith('no sensor data')")
+            await page.until(f"{health}.startsWith('inertial sensor – receiver –')")
+            assert (await page.evaluate(motion)).startswith(f"{row} deg" if "±" in row else row)
+            assert page.errors == []
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(serve(url))
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+def test_a_chart_that_left_the_screen_and_came_back_between_two_frames_is_drawn(tmp_path):
+    """The browser then tells both at once: the last counts."""
+    drawn = """(async () => {
+      window.IntersectionObserver = class { constructor(tell) { this.tell = tell; }
+        observe() { this.tell([{ isIntersecting: false }, { isIntersecting: true }]); } };
+      const plots = await import("/page/plots.js?again"), place = document.createElement("div");
+      return new Promise((drawn) => {
+        plots.addPlot(place, () => { drawn(true); return { traces: [], layout: {} }; });
+        plots.drawInTurn(() => true); setTimeout(() => drawn(false), 5000); }); })()"""
+
+    async def look(url):
+        async with browser(tmp_path / "profile") as page:
+            await page.open(url)
+            assert await page.evaluate(drawn)
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(look(url))
 
 
 @pytest.mark.thorough

@@ -10,6 +10,7 @@ import { fillTables } from "./tables.js";
 import { follow, forgetTrack, makeTrack } from "./track.js";
 
 const STALE_MS = 1500;
+const NORTH_UNKNOWN_DEG = 103.9; // the sigma of an angle of which nothing is known
 const GOOD = ["attitude", "heading", "position", "height", "at-rest"];
 
 const byId = (id) => document.getElementById(id);
@@ -51,7 +52,7 @@ function draw() {
   drawHorizon(byId("horizon"), known.roll_deg, known.pitch_deg);
   drawCompass(byId("compass"), known.heading_deg, known.syaw_deg, est.state?.includes("heading"));
   drawPose(byId("pose"), known.q0 == null ? null : [known.q0, known.q1, known.q2, known.q3]);
-  fillTables(news);
+  fillTables(news, fresh);
   tellState();
 }
 
@@ -66,12 +67,13 @@ function take(message) {
   if ("control" in message) return permit(message.control);
   const before = news.EST?.t_mono_ns;
   news = message;
-  if (news.EST && news.EST.t_mono_ns !== before) {
+  const { ATT: att, EST: est } = news;
+  if (att?.rot != null) att.rot_dps = att.rot / 60; // gpsd's is in deg/min
+  if (est?.yaw_deg != null && !(est.syaw_deg >= NORTH_UNKNOWN_DEG)) est.heading_deg = (est.yaw_deg + 360) % 360;
+  if (est && est.t_mono_ns !== before) {
     heard = performance.now();
-    if (news.ATT?.rot != null) news.ATT.rot_dps = news.ATT.rot / 60; // gpsd's is in deg/min
-    if (news.EST.yaw_deg != null) news.EST.heading_deg = (news.EST.yaw_deg + 360) % 360;
     remember(news);
-    follow(news.EST);
+    follow(est);
   }
   tellLink();
   tellRecording(news.RECORD);

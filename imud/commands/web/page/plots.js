@@ -12,7 +12,7 @@ const plots = [];
 export function addPlot(element, draw) {
   const plot = { element, draw, visible: false, drawn: false };
   plots.push(plot);
-  new IntersectionObserver(([entry]) => { plot.visible = entry.isIntersecting; }).observe(element);
+  new IntersectionObserver((entries) => { plot.visible = entries.at(-1).isIntersecting; }).observe(element);
 }
 
 export function axis(title, own = {}) {

@@ -9,7 +9,7 @@ const NAMES = ["x", "y", "z"];
 
 // keys: [source, value, sigma] of each curve; scale: from the message's unit to the chart's.
 const STRIPS = [
-  { title: "Roll and pitch", unit: "deg", names: ["roll", "pitch"], keys: [["EST", "roll_deg", "sroll_deg"], ["EST", "pitch_deg", "spitch_deg"]] },
+  { title: "Roll and pitch", unit: "deg", names: ["roll", "pitch"], turns: true, keys: [["EST", "roll_deg", "sroll_deg"], ["EST", "pitch_deg", "spitch_deg"]] },
   { title: "Heading or yaw", unit: "deg", names: ["heading"], turns: true, keys: [["EST", "heading_deg", "syaw_deg"]] },
   { title: "Angular rate, body FRD", unit: "deg/s", keys: NAMES.map((a) => ["ATT", `gyro_${a}`]) },
   { title: "Specific force, body FRD", unit: "m/s²", keys: NAMES.map((a) => ["ATT", `acc_${a}`]) },
@@ -30,7 +30,7 @@ export function remember(news) {
   while (history[0].t < t - SPAN_S) history.shift();
 }
 
-// One curve in pieces: it breaks where data are missing and where the heading passes north.
+// One curve in pieces: it breaks where data are missing and where an angle passes its end.
 function pieces([source, key, sigma], turns) {
   const now = history.at(-1)?.t ?? 0;
   const found = [];

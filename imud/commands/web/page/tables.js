@@ -49,9 +49,9 @@ function devices(news) {
   });
 }
 
-function health(news) {
+function health(news, fresh) {
   return [["inertial sensor", "imu_health"], ["receiver", "gnss_health"]].map(([name, key]) => {
-    const text = news.EST?.[key];
+    const text = fresh ? news.EST?.[key] : null; // an old estimate tells how they were
     return words(name, text, text === "ok" ? "good" : text == null ? "unit" : "bad");
   });
 }
@@ -86,19 +86,25 @@ function estimated(news) {
   return Object.entries(news.STATUS?.found ?? {}).map(([name, text]) => words(name, text, ""));
 }
 
-export function fillTables(news) {
+function rounded(sigma) {
+  return sigma < 99.5 ? sigma.toPrecision(2) : sigma.toFixed(0);
+}
+
+// fresh: whether estimates come.
+export function fillTables(news, fresh) {
   const beyond = (news.EST?.out_of_limits ?? "").split(",");
   for (const [id, rows] of Object.entries(TABLES)) {
     const lines = rows.map(([name, key, sigma, decimals, unit, mark = "", limit = key]) => {
       const isBad = beyond.includes(limit);
       const number = value(news, key), spread = sigma && value(news, sigma);
       const row = document.createElement("tr");
-      row.append(heading(isBad ? `${name}: beyond its limit` : name), cell(number == null ? "–" : number.toFixed(decimals) + mark, "number"),
-        cell(spread == null ? "" : `± ${spread.toPrecision(2)}`, "number"), cell(unit, "unit"));
+      const title = key === "heading_deg" && !news.EST?.state?.includes("heading") ? "yaw" : name;
+      row.append(heading(isBad ? `${title}: beyond its limit` : title), cell(number == null ? "–" : number.toFixed(decimals) + mark, "number"),
+        cell(number == null || spread == null ? "" : `± ${rounded(spread)}`, "number"), cell(unit, "unit"));
       row.className = isBad ? "bad" : "";
       return row;
     });
-    const said = id === "health" ? [...devices(news), ...health(news), ...sources(news), ...estimated(news)] : [];
+    const said = id === "health" ? [...devices(news), ...health(news, fresh), ...sources(news), ...estimated(news)] : [];
     document.getElementById(id).replaceChildren(...said, ...lines);
   }
 }

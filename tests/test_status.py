@@ -307,5 +307,5 @@ def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
 
 def test_reasons_of_refused_fixes_are_not_taken_for_settings():
     """`gnss.age` is none: a fix whose age is not known is refused by no setting."""
-    counted = status._counted({"used": 7, "refused": {"age": 1, "max_hdop": 2}}, ("used",))
-    assert counted == "7 used, 1 refused for age, 2 refused for max_hdop"
+    counted = status._counted({"used": 7, "refused": {"unknown age": 1, "max_hdop": 2}}, ("used",))
+    assert counted == "7 used, 1 refused for unknown age, 2 refused for max_hdop"

@@ -108,3 +108,17 @@ def test_lines_and_summary_show_errors_beside_the_claimed_sigmas():
     table = {words[0]: words[1:] for row in screen.summary(comparison, 2, 0.1).splitlines() if (words := row.split())}
     assert table["roll"] == ["5.000", "1.118", "7.000", "1.500", "deg"]  # root of (1 + 49) / 2, of (0.25 + 2.25) / 2
     assert table["heading"] == ["-", "-", "-", "-", "deg"]
+
+
+@pytest.mark.parametrize(
+    ("state", "known"),
+    [("aligning", []), ("attitude", ["roll", "pitch"]), ("attitude,heading", ["roll", "pitch", "heading"])],
+)
+def test_the_table_shows_only_angles_that_are_known(state, known):
+    est = {f"{s}{angle}_deg": 1.0 for angle in ("roll", "pitch", "yaw") for s in ("", "s")} | {"state": state}
+    truth = dict.fromkeys((key for _, key, *_ in screen._ROWS), 2.0)
+    cells = {
+        words[0]: words[1:-1] for row in screen._screen(est, truth, 0.0).splitlines()[2:] if (words := row.split())
+    }
+    assert [name for name in ("roll", "pitch", "heading") if cells[name] == ["2.00", "1.00", "1.00"]] == known
+    assert all(cells[name] == ["2.00", "-", "-"] for name in ("roll", "pitch", "heading", "north") if name not in known)

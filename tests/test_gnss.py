@@ -271,7 +271,7 @@ def test_a_tap_is_handed_all_that_the_fixes_depend_on():
     second = Receiver(driver, Gnss(), 0, pulse := FixedPulse(None))
     for data, t_ns, pulse.pulse_ns in heard:
         again += second.feed(data, t_ns) if data else second.flush(t_ns)
-    assert len(live) == 7 and receiver.refused == {"age": 1}, "all but the first, whose age is not known"
+    assert len(live) == 7 and receiver.refused == {"unknown age": 1}, "all but the first, whose age is not known"
     assert len(heard) < 20
     assert np.concatenate(again).tobytes() == np.concatenate(live).tobytes()
 

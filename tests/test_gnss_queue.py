@@ -57,7 +57,7 @@ def test_the_fixes_of_a_queue_are_not_used(interval_s, queued):
         sentence = gga(f"12{int(utc_s // 60):02d}{utc_s % 60:06.3f}")
         rows = receiver.feed(sentence, round(arrival_s * 1e9)) + receiver.flush(round((arrival_s + 1e-4) * 1e9))
         used += [int(row["t_ns"][0]) * 1e-9 for row in rows]
-    assert len(used) == 9 and receiver.refused == {"age": queued + 1}
+    assert len(used) == 9 and receiver.refused == {"unknown age": queued + 1}
     assert used == pytest.approx([100.0 + interval_s * k for k in range(1, 10)], abs=0.05)
 
 

@@ -50,6 +50,20 @@ def test_a_claim_that_fails_ends_with_1_and_is_named(monkeypatch, capsys):
     assert [row["holds"] for row in table["rows"]] == [False, None]
 
 
+@pytest.mark.parametrize("width", [60, 80, 1000])
+def test_the_table_fits_and_loses_nothing(width):
+    long = ("RMS of the error of position after 600 s", "a few mm, far below 4 cm", "0.00206 m (limit 0.005)")
+    report = report_of(Row(*long, holds=True), at_most("a number", "2", 1.0, 2.0))
+    title, _, head, rule, *lines = report.lines(width)
+    assert max(map(len, (title, head, rule, *lines))) <= width
+    starts = [head.index(word) for word in ("quantity", "paper", "ours")]
+    first = lines[: next(i for i, line in enumerate(lines) if "a number" in line)]
+    for start, end, text in zip(starts, [*starts[1:], None], long, strict=True):
+        assert " ".join(" ".join(line[start:end] for line in first).split()) == text
+    assert first[0].startswith("ok ") and not any(line[: starts[0]].strip() for line in first[1:])
+    assert "no mark: a number without a claim" in " ".join(" ".join(lines).split())
+
+
 def test_a_nan_is_no_success():
     assert at_most("x", "", float("nan"), 1.0).holds is False
     assert within("x", "", float("nan"), 0.0, 1.0).holds is False

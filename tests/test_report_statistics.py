@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_data import RNG_SEED, WHITE, innovations, still
 
+from imud.commands.report.content import panels
 from imud.commands.report.envelope import Envelope
 from imud.commands.report.findings import findings
-from imud.commands.report.reduction import SensorReduction
+from imud.commands.report.reduction import NAMES, EstimateReduction, SensorReduction
 from imud.commands.report.session import Session
 from imud.commands.report.statistics import autocorrelation, chi2_bounds, effective_number, moving_mean
 from imud.figures import kept
@@ -84,8 +85,30 @@ def test_faults_of_the_sensor_are_reported():
     for block in (30, 700, 4000):
         assert "imu: gyro y frozen" in said(sensors=(watched(frozen, block),))
     gap = np.delete(still(), np.s_[1000:1100])
-    assert "1 gaps between samples, the longest 1.01 s at 10.0 s" in said(sensors=(watched(gap),))
+    assert "1 gap between samples, the longest 1.01 s at 10.0 s" in said(sensors=(watched(gap),))
     assert watched(well[:1]) is None
+
+
+def curve(session, figure, panel):
+    """The only trace of a panel, by the beginning of the titles."""
+    [found] = (f for f in panels(session) if f.title.startswith(figure))
+    [[trace]] = (p.traces for p in found.panels if p.title.startswith(panel))
+    return trace
+
+
+@pytest.mark.parametrize("angle", ["roll", "yaw"])
+@pytest.mark.parametrize("n", [400, 40_000])
+def test_no_line_is_drawn_over_a_gap_nor_where_an_angle_passes_a_half_turn(angle, n):
+    t = np.linspace(0.0, 100.0, n)
+    rows = {name: np.zeros(n) for name in (*NAMES, "status")} | {"t_s": t + 20.0 * (t >= 50.0)}
+    rows[f"{angle}_deg"] = (4.0 * t - 170.0 + 180.0) % 360.0 - 180.0
+    reduction = EstimateReduction("run")
+    for start in range(0, n, 150):
+        reduction.add({name: column[start : start + 150] for name, column in rows.items()})
+    drawn = curve(Session(estimates=(reduction.close(),)), "Attitude", angle)
+    pairs = np.isfinite(drawn.y[:-1]) & np.isfinite(drawn.y[1:])  # between these there is a line
+    assert np.abs(np.diff(drawn.y))[pairs].max() < 5.0 and np.diff(drawn.x)[pairs].max() < 1.0
+    assert np.count_nonzero(np.isnan(drawn.y)) == 2 and np.nanmax(np.abs(drawn.y)) <= 180.0
 
 
 @given(st.integers(1, 5000), st.integers(1, 900), st.integers(0, 2**31))

@@ -121,6 +121,20 @@ def test_the_velocity_in_the_body_has_the_errors_of_velocity_and_attitude():
     assert odometry.covariance.reshape(6, 6).diagonal().min() > 0.0
 
 
+SIGNALLING_NAN = np.array(0x7FF0000000000001, np.uint64).view(np.float64)  # numpy warns when it computes with one
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["lat", "lon"])
+@pytest.mark.parametrize("value", [np.nan, -np.inf, SIGNALLING_NAN])
+def test_a_valid_position_that_is_no_number_is_no_fix(name, value):
+    row = solution(np.eye(3))
+    row[name] = value
+    fix = read("fix/filtered", one(messages.filtered_fix, row, 7))
+    assert (fix.status.status, fix.position_covariance_type) == (-1, 0)
+    assert np.isnan(fix.latitude) and np.isnan(fix.longitude)
+
+
 def test_positions_of_the_filter():
     row = solution(np.eye(3))
     fix = read("fix/filtered", one(messages.filtered_fix, row, 7))

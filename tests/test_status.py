@@ -89,7 +89,7 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     ports = {port["path"]: port for port in last["ports"]}
     assert list(ports) == [imu, gnss, absent]
     assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
-    assert 0.0 <= ports[imu]["sample_age_s"] < 60.0
+    assert 0.0 <= ports[imu]["sample_age_s"] < 60.0 and 0.0 <= last["filter"]["age_s"] < 60.0
     assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
     assert not ports[absent]["streaming"] and "trying again" in ports[absent]["description"]
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
@@ -136,6 +136,24 @@ def test_metric_names_are_as_prometheus_wants_them():
         assert re.fullmatch(r"(imud|process)_[a-z_]+", metric.name)
         assert metric.name.endswith("_total") == (metric.kind == "counter"), metric.name
     assert len({metric.name for metric in METRICS}) == len(METRICS)
+
+
+@pytest.mark.parametrize(
+    ("heading", "syaw_deg", "yaw"),
+    [
+        (True, 1.25, "yaw -30.00 ±1.25°"),
+        (False, 0.04, "yaw -30.00 ±0.04° from the start, not from north"),
+        (False, math.degrees(math.pi / math.sqrt(3.0)), "yaw unknown"),
+    ],
+)
+def test_the_screen_says_what_the_yaw_counts_from_and_how_old_the_estimate_is(heading, syaw_deg, yaw):
+    table = {"estimator": "navigation", "state": "attitude,height", "flags": {"heading": heading}, "age_s": 0.1}
+    table |= {"roll_deg": 1.0, "pitch_deg": 2.0, "yaw_deg": -30.0, "sroll_deg": 0.5, "spitch_deg": 0.25}
+    rows = dict(status._filter(table | {"syaw_deg": syaw_deg}))
+    assert rows["filter"] == "navigation: attitude, height"
+    assert rows["attitude"] == f"roll +1.00 ±0.50°, pitch +2.00 ±0.25°, {yaw}"
+    rows = dict(status._filter(table | {"age_s": 75.2}))
+    assert rows["filter"] == "navigation: no sample for 1 min 15 s; before: attitude, height"
 
 
 _TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\r", exclude_categories=["Cs"]), max_size=20)
@@ -289,5 +307,5 @@ def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
 
 def test_reasons_of_refused_fixes_are_not_taken_for_settings():
     """`gnss.age` is none: a fix whose age is not known is refused by no setting."""
-    counted = status._counted({"used": 7, "refused": {"age": 1, "max_hdop": 2}}, ("used",))
-    assert counted == "7 used, 1 refused for age, 2 refused for max_hdop"
+    counted = status._counted({"used": 7, "refused": {"unknown age": 1, "max_hdop": 2}}, ("used",))
+    assert counted == "7 used, 1 refused for unknown age, 2 refused for max_hdop"

@@ -4,8 +4,10 @@ With --data the same on a user's recording: which of the claims hold on it, what
 """
 
 import argparse
+import contextlib
 import importlib
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +25,7 @@ PAPERS = {
     "prasanna": "vehicle localisation: GPS track, INS on a table top, tilt",
 }
 CLAIM_FAILED = 1
+_NARROWEST, _PAGE = 60, 100  # columns
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,9 +70,16 @@ def _recorded(args: argparse.Namespace) -> "Report":
     return report
 
 
+def _width() -> int:
+    """Columns of the terminal, or of a page where there is none."""
+    with contextlib.suppress(ValueError, AttributeError, OSError):
+        return max(_NARROWEST, os.get_terminal_size(sys.stdout.fileno()).columns)
+    return _PAGE
+
+
 def run(args: argparse.Namespace) -> int:
     report = _recorded(args) if args.data else _simulated(args)
-    print(json.dumps(report.as_dict(), ensure_ascii=False) if args.json else "\n".join(report.lines()))
+    print(json.dumps(report.as_dict(), ensure_ascii=False) if args.json else "\n".join(report.lines(_width())))
     for row in report.failed if report.ours else ():
         print(f"imud reproduce: does not hold: {row.quantity}: {row.ours}", file=sys.stderr)
     if args.output is not None:

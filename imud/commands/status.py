@@ -23,6 +23,8 @@ from .notable_states import notable_states
 TIMEOUT_S = 5.0
 ANSWER_MAX = 1 << 20  # bytes
 _WIDTH = 100  # of the text to the right of the names
+_SILENT_S = 2.0  # without a sample, from which on the estimate is called old
+_UNKNOWN_YAW_DEG = 103.9  # sigma of an angle of which nothing is known: 180 / √3
 _LEAST = 0.01  # share of a sigma's reduction that is shown
 Table = Mapping[str, Any]
 
@@ -221,7 +223,10 @@ def _duration(seconds: float) -> str:
 
 
 def _filter(f: Table) -> Iterator[tuple[str, str]]:
-    yield "filter", f"{f['estimator']}: {f.get('state', 'no samples yet').replace(',', ', ')}"
+    state = f.get("state", "no samples yet").replace(",", ", ")
+    silence = f"no sample for {_duration(f['age_s'])}; before: " if f.get("age_s", 0.0) >= _SILENT_S else ""
+    yield "filter", f"{f['estimator']}: {silence}{state}"
+    yield from _attitude(f)
     for name, columns in _ROWS:
         known = [(what, key, sigma, form) for what, key, sigma, form in columns if key in f]
         texts = [f"{what} {form.format(f[key], f.get(sigma, math.inf))}" for what, key, sigma, form in known]
@@ -229,11 +234,23 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
             yield name, ", ".join(texts)
 
 
+def _attitude(f: Table) -> Iterator[tuple[str, str]]:
+    if "roll_deg" not in f:
+        return
+    roll, pitch, yaw = (f"{a} {f[f'{a}_deg']:+.2f} ±{f.get(f's{a}_deg', math.inf):.2f}°" for a in _ANGLES)
+    if f.get("syaw_deg", math.inf) >= _UNKNOWN_YAW_DEG:
+        yaw = "yaw unknown"
+    elif not f["flags"]["heading"]:
+        yaw += " from the start, not from north"
+    yield "attitude", f"{roll}, {pitch}, {yaw}"
+
+
 def _states(found: Table) -> Iterator[tuple[str, str]]:
     text = ", ".join(f"{label} {values}" for label, values in notable_states(found).items())
     yield from zip_longest(["found"] if text else [], textwrap.wrap(text, _WIDTH), fillvalue="")
 
 
+_ANGLES = ("roll", "pitch", "yaw")
 _Row = tuple[tuple[str, str, str, str], ...]  # of each column its name, keys of value and sigma, format
 _POSITION: _Row = (
     ("lat", "lat_deg", "sn_m", "{:.7f}° ±{:.2f} m"),
@@ -241,7 +258,6 @@ _POSITION: _Row = (
     ("height", "height_m", "sd_m", "{:.2f} ±{:.2f} m"),
 )
 _ROWS: tuple[tuple[str, _Row], ...] = (
-    ("attitude", tuple((a, f"{a}_deg", f"s{a}_deg", "{:+.2f} ±{:.2f}°") for a in ("roll", "pitch", "yaw"))),
     ("position", _POSITION),
     ("velocity", tuple((a, f"v{a}_mps", f"sv{a}_mps", "{:+.3f} ±{:.3f} m/s") for a in "ned")),
     ("gyro bias", tuple((a, f"bg{a}_dps", f"sbg{a}_dps", "{:+.4f} ±{:.4f}°/s") for a in "xyz")),

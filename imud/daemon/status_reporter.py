@@ -141,7 +141,7 @@ class StatusReporter:
                 **status_tables.of_process(self._started_ns),
                 "internal_errors": {"count": self._errors.count, "last": self._errors.last},
                 "load": status_tables.of_load(publisher.load),
-                "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name),
+                "filter": status_tables.of_filter(devices.selection.inertial, devices.selection.estimator.name, now_ns),
                 "states": status_tables.of_filter_states(devices.selection.inertial),
                 "totals": status_tables.of_all_connections(devices.selection.inertial),
                 "innovations": publisher.innovations.table(),

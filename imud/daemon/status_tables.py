@@ -154,8 +154,8 @@ def of_all_connections(inertial: "Inertial | None") -> Table:
     return {} if inertial is None else {"samples": inertial.samples, **inertial.totals()}
 
 
-def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
-    """The newest solution: state in words, values and their standard deviations, biases."""
+def of_filter(inertial: "Inertial | None", estimator: str, now_ns: int) -> Table:
+    """The newest solution: state in words, its age, values and their standard deviations, biases."""
     solution = inertial.newest if inertial else None
     if solution is None:
         return {"estimator": estimator}
@@ -164,6 +164,7 @@ def of_filter(inertial: "Inertial | None", estimator: str) -> Table:
     return {
         "estimator": estimator,
         "state": status_text(s.status),
+        "age_s": (now_ns - inertial.last_data_ns) * 1e-9 if inertial else None,
         "flags": {word: bool(s.status & bit) for bit, word in STATUS_NAMES.items()},
         **(rpy if s.status & ATTITUDE_VALID else {}),
         **_named("s{}_deg", ("roll", "pitch", "yaw"), s.sigma_rpy),

@@ -1,7 +1,9 @@
 """The result of an experiment: a table of the paper's numbers beside ours, and figures as plain values."""
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -41,17 +43,34 @@ class Report:
         head = ("", "quantity", "paper", "ours" if self.ours else "data")
         return [head, *((marks[row.holds], row.quantity, row.paper, row.ours) for row in self.rows)]
 
-    def lines(self) -> list[str]:
-        """The table as text."""
+    def lines(self, width: int) -> list[str]:
+        """The table as text, of lines no longer than `width`: cells that do not fit go on in the next line."""
         table = self.table
-        widths = [max(len(line[i]) for line in table) for i in range(4)]
-        text = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in table]
-        return [self.title, "", text[0].rstrip(), "-" * sum(widths, 6), *(line.rstrip() for line in text[1:])]
+        widths = _fitted([max(1, *(len(line[i]) for line in table)) for i in range(4)], width - 2 * 3)
+        text = [line for row in table for line in _wrapped(row, widths)]
+        no = "FAIL: it does not" if self.ours else "no: it does not, on these data"
+        legend = f"ok: the paper's claim holds; {no}; no mark: a number without a claim"
+        return [self.title, "", text[0], "-" * sum(widths, 6), *text[1:], "", *textwrap.wrap(legend, width)]
 
     def as_dict(self) -> dict[str, Any]:
         """The table for machines."""
         rows = [{"quantity": r.quantity, "paper": r.paper, "ours": r.ours, "holds": r.holds} for r in self.rows]
         return {"title": self.title, "holds": not self.failed, "rows": rows}
+
+
+def _fitted(widths: Sequence[int], most: int) -> list[int]:
+    """Widths of columns, the widest made narrower until their sum is `most`."""
+    fitted = list(widths)
+    while sum(fitted) > most:
+        fitted[fitted.index(max(fitted))] -= 1
+    return fitted
+
+
+def _wrapped(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
+    """The lines of a row of the table."""
+    cells = [textwrap.wrap(cell, width, subsequent_indent="  ") for cell, width in zip(row, widths, strict=True)]
+    for line in zip_longest(*cells, fillvalue=""):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
 
 
 def at_most(quantity: str, paper: str, value: float, limit: float, unit: str = "") -> Row:

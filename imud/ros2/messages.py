@@ -98,6 +98,7 @@ def _nav_sat_fix(
 def filtered_fix(solutions: Records, unix_ns: Indices) -> Cdr:
     """sensor_msgs/msg/NavSatFix, of rows of SOLUTION: the filter's position of the body."""
     known = solutions["status"] & POSITION_VALID != 0
+    known &= np.isfinite(solutions["lat"]) & np.isfinite(solutions["lon"])  # a damaged state may say that it is valid
     height = np.where(solutions["status"] & HEIGHT_VALID != 0, solutions["height"], np.nan)
     position = np.full((len(solutions), 3), np.nan)  # also where the place holds a signalling NaN, of which numpy warns
     position[known, 0], position[known, 1] = np.degrees(solutions["lat"][known]), np.degrees(solutions["lon"][known])

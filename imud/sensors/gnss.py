@@ -46,7 +46,7 @@ def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     if not is_possible(fix):
         return IMPOSSIBLE
     why = _forbidden(fix.quality, fix.satellites, fix.hdop, settings)
-    return why or (Refusal("time", "they have no time") if fix.utc_s is None else None)
+    return why or (Refusal("unknown time", "they have no time") if fix.utc_s is None else None)
 
 
 def is_possible(fix: Fix) -> bool:

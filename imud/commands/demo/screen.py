@@ -27,9 +27,15 @@ def _screen(est: dict[str, Any], truth: dict[str, float], elapsed_s: float) -> s
     """The live table."""
     lines = [f"{elapsed_s:7.1f} s   {est.get('state', '')}", f"{'':10}{'truth':>14}{'estimate':>14}{'±1σ':>10}"]
     for name, key, sigma, decimals, unit in _ROWS:
-        value, spread = f"{est[key]:.{decimals}f}" if key in est else "-", f"{est[sigma]:.2f}" if sigma in est else "-"
+        known = key in est and sigma in est and _is_valid(name, est.get("state", ""))
+        value, spread = (f"{est[key]:.{decimals}f}", f"{est[sigma]:.2f}") if known else ("-", "-")
         lines.append(f"{name:10}{truth[key]:14.{decimals}f}{value:>14}{spread:>10}  {unit}")
     return "\n".join(lines)
+
+
+def _is_valid(name: str, state: str) -> bool:
+    """Whether an angle counts for what its row says; the other rows are absent until they do."""
+    return "heading" in state if name == "heading" else name not in ("roll", "pitch") or "aligning" not in state
 
 
 def head() -> str:

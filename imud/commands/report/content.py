@@ -38,6 +38,8 @@ STATUS = {
     "saturated": SATURATED,
 }
 AXES = {"vn": "north", "ve": "east", "vd": "down"} | {f"b{sensor}{axis}": axis for sensor in "ga" for axis in "xyz"}
+WRAPPED = ("roll_deg", "yaw_deg")
+GAP_S, GAP_STEPS = 1.0, 5.0  # without rows, and of the usual step, from which on a curve is broken
 FLAGS = {
     "suspect": flag.SUSPECT,
     "device error": flag.DEVICE_ERROR,
@@ -47,10 +49,18 @@ FLAGS = {
 }
 
 
-def _wrapped(yaw: Floats) -> Floats:
+def _wrapped(angle: Floats) -> Floats:
     """Degrees in ±180; NaN where the angle jumps."""
-    y = yaw - 360.0 * np.round(yaw / 360.0)
+    y = angle - 360.0 * np.round(angle / 360.0)
     return np.where(np.abs(np.diff(y, prepend=y[:1])) > 180.0, np.nan, y)
+
+
+def _broken(t: Floats, y: Floats) -> Floats:
+    """The curve, with NaN behind each gap, over which a line would be drawn else."""
+    if len(t) < 2:
+        return y
+    steps = np.diff(t, prepend=t[:1])
+    return np.where(steps > max(GAP_S, GAP_STEPS * float(np.median(steps))), np.nan, y)
 
 
 def _states(session: Session, title: str, unit: str, names: Iterable[str], factor: float = 1.0) -> Figure:
@@ -60,11 +70,11 @@ def _states(session: Session, title: str, unit: str, names: Iterable[str], facto
         traces = []
         for e in session.estimates:
             y, sigma = factor * e.columns[name], factor * e.columns[f"s{name}"]
-            y = _wrapped(y) if name == "yaw_deg" else y
+            y = _broken(e.columns["t_s"], _wrapped(y) if name in WRAPPED else y)
             if np.isfinite(y).any():
                 traces.append(Trace(e.name, e.columns["t_s"], y, sigma))
         y_range = settled_range(traces)
-        stem, note = name.rpartition("_")[0], " (the large σ of the start is cut off)" if y_range else ""
+        stem, note = name.rpartition("_")[0], " (a large σ is cut off)" if y_range else ""
         panels.append(Panel(AXES.get(stem, stem) + note, TIME, unit, traces, y_range=y_range))
     return Figure(title, panels, columns=3)
 
@@ -84,9 +94,10 @@ def _status(e: Estimates) -> Figure:
 
 def _sensor(s: Sensor) -> Figure:
     c = s.columns
+    rates, forces = ([Trace(a, c["t_s"], _broken(c["t_s"], c[f"{kind}{a}"])) for a in "xyz"] for kind in "wf")
     panels = [
-        Panel("Rates, FRD", TIME, "rad/s", [Trace(a, c["t_s"], c[f"w{a}"]) for a in "xyz"]),
-        Panel("Forces, FRD", TIME, "m/s²", [Trace(a, c["t_s"], c[f"f{a}"]) for a in "xyz"]),
+        Panel("Rates, FRD", TIME, "rad/s", rates),
+        Panel("Forces, FRD", TIME, "m/s²", forces),
         Panel("Between samples", TIME, "ms", [Trace("interval", c["t_s"], c["interval_ms"])]),
     ]
     if np.isfinite(c["temperature_c"]).any():

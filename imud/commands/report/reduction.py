@@ -19,6 +19,7 @@ NAMES = ("t_s", *(name for name, _ in ESTIMATE_COLUMNS if not name.startswith("q
 BITS = 16
 LOSSES_MAX = 100
 _POSITION = ("lat_deg", "lon_deg")
+_TURNING = ("roll_deg", "yaw_deg")  # angles that go on over a half turn
 _SENSED = ("t_s", "wx", "wy", "wz", "fx", "fy", "fz", "interval_ms", "temperature_c")
 _RATE_SAMPLES = 4096  # from which the rate is computed: stamps of the first ones may be bunched on a busy machine
 _GAP = 2.5  # periods
@@ -32,7 +33,7 @@ class EstimateReduction:
         self._envelope = Envelope(len(NAMES))
         self._counts = np.zeros(BITS, np.int64)
         self.rows = 0
-        self._yaw = math.nan
+        self._angle = dict.fromkeys(_TURNING, math.nan)  # of the last row that has one
         self._status = 0
         self._lost: list[float] = []
 
@@ -41,7 +42,7 @@ class EstimateReduction:
         status = block["status"].astype(np.int64)
         self._counts += ((status[:, None] >> np.arange(BITS)) & 1).sum(axis=0)
         self._add_losses(block["t_s"], status)
-        columns = block | {"yaw_deg": self._unwrapped(block["yaw_deg"])}
+        columns = block | {name: self._unwrapped(name, block[name]) for name in _TURNING}
         self._envelope.add(np.stack([columns[name] for name in NAMES], axis=1), status)
         self.rows += len(status)
 
@@ -50,14 +51,14 @@ class EstimateReduction:
         self._lost += t[heading[:-1] & ~heading[1:]].tolist()[: LOSSES_MAX - len(self._lost)]
         self._status = int(status[-1])
 
-    def _unwrapped(self, yaw: Floats) -> Floats:
+    def _unwrapped(self, name: str, angle: Floats) -> Floats:
         """Degrees without the jump at a half turn, from block to block; NaN stays."""
-        known = np.flatnonzero(np.isfinite(yaw))
-        out = yaw.copy()
+        known = np.flatnonzero(np.isfinite(angle))
+        out = angle.copy()
         if len(known):
-            before = [self._yaw] if math.isfinite(self._yaw) else []
-            out[known] = np.unwrap(np.concatenate([before, yaw[known]]), period=360.0)[len(before) :]
-            self._yaw = float(out[known[-1]])
+            before = [self._angle[name]] if math.isfinite(self._angle[name]) else []
+            out[known] = np.unwrap(np.concatenate([before, angle[known]]), period=360.0)[len(before) :]
+            self._angle[name] = float(out[known[-1]])
         return out
 
     def close(self) -> Estimates:
@@ -136,6 +137,7 @@ class SensorReduction:
         findings = counted(self._health)
         if self._gaps:
             findings.append(
-                f"{self._gaps} gaps between samples, the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"
+                f"{self._gaps} {'gap' if self._gaps == 1 else 'gaps'} between samples, "
+                f"the longest {self._longest_s:.3g} s at {self._longest_at_s:.1f} s"
             )
         return findings

@@ -1,9 +1,9 @@
 """Do the tests pass on aarch64? `python tests/aarch64_tests.py FOLDER [FILE..]` runs them under qemu-user.
 
 In FOLDER a small Debian 13 for arm64 is made, unless it is there (see `debian_roots.py`, also for what it needs), and
-the wheel for it, which needs the package `ziglang`. pip installs the wheel there with the packages of the tests; the
-tests come from the working tree. Without FILE it is a choice: the whole suite would take hours, and tests that call
-kernels one by one need numba, which is not there. Exit 1 if a test fails.
+the wheel for it, which needs the packages `hatchling` and `ziglang`. pip installs the wheel there with the packages of
+the tests; the tests come from the working tree. Without FILE it is a choice: the whole suite would take hours, and
+tests that call kernels one by one need numba, which is not there. Exit 1 if a test fails.
 """
 
 import argparse
@@ -22,21 +22,27 @@ PACKAGES = (  # without those for pages, notebooks, numba
     *("numpy>=2.0", "msgspec>=0.19", "pyserial>=3.5", "structlog>=25.5", "scipy", "mcap", "protobuf>=5"),
     *("pytest", "pytest-timeout", "hypothesis", "pynmeagps", "pyubx2", "pymap3d", "mpmath"),
 )
-TESTS = ("test_nmea", "test_ubx", "test_tilt")  # what needs no numba; some 6 minutes of processor time
-TIMEOUT_S = 3000  # of one test
+KERNELS = "imud/compile/kernels.so"
+DAEMON = sorted(path.stem for path in Path(__file__).parent.glob("test_*daemon*.py"))
+TESTS = ("test_nmea", "test_ubx", "test_tilt", *DAEMON)  # what needs no numba
+TIMEOUT_S = 1200  # of one test
 
 
 def install(folder: Path, root: Path, log: Path) -> None:
-    """Wheel and packages in /opt/imud, the working tree in /opt/source. Raises CalledProcessError."""
-    for name in ("imud", "source"):
-        shutil.rmtree(root / "opt" / name, ignore_errors=True)
+    """Wheel and packages where Python finds them by itself, the working tree in /opt/source, with the wheel's kernels:
+    some tests set PYTHONPATH to it. Raises CalledProcessError.
+    """
+    packages, source = root / f"usr/local/lib/python{python_of(root)}/dist-packages", root / "opt/source"
+    for path in (packages, source, root / "opt/imud"):  # the last: of `release_roots.py`
+        shutil.rmtree(path, ignore_errors=True)
     built = wheel(folder, TARGET)
-    copied(root / "opt/source")
+    copied(source)
     platforms = [option for name in (built.stem.rpartition("-")[2], *PLATFORMS) for option in ("--platform", name)]
-    there = [*platforms, "--python-version", python_of(root), "--only-binary=:all:", "--target", f"{root}/opt/imud"]
+    there = [*platforms, "--python-version", python_of(root), "--only-binary=:all:", "--target", str(packages)]
     pip = [sys.executable, "-m", "pip", "install", "-q", *there]
     run([*pip, *PACKAGES], log)
     run([*pip, "--no-deps", str(built)], log)
+    shutil.copy(packages / KERNELS, source / KERNELS)
 
 
 def main() -> int:
@@ -54,7 +60,7 @@ def main() -> int:
         register("arm64", log)
         make_root("arm64", root, log)
         install(folder, root, log)
-        inside(root, f"cd /opt/source/tests && {pytest} {shlex.join(files)}", log)
+        inside("arm64", root, f"cd /opt/source/tests && {pytest} {shlex.join(files)}", log)
     except (subprocess.CalledProcessError, OSError) as error:
         print(f"arm64 FAILED: {error}")
         return 1

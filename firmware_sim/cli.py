@@ -37,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s DEVICE [DEVICE ...] [OPTION ...]"
     parser.epilog = (
         "--replay takes a recording (MCAP), whose bytes are sent; imu.csv and gnss.csv of `imud export --csv`; or a "
-        "receiver's sentences. Epson on SPI: "
-        f"PYTHONPATH={STAND_IN} IMUD_SIM='g350 --scenario car' imud --port spi:0.0 --set "
-        "spi.data_ready=gpiochip0:24."
+        "receiver's sentences. Epson on SPI:\n"
+        f"  PYTHONPATH={STAND_IN} \\\n"
+        "  IMUD_SIM='g350 --scenario car' imud --port spi:0.0 --set spi.data_ready=gpiochip0:24"
     )
     add = parser.add_argument
     chips = ", ".join(name for name in KERNEL if name != "swapped")  # which is for tests

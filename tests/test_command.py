@@ -4,6 +4,7 @@ import ast
 import errno
 import io
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -75,6 +76,20 @@ def test_help_fits_one_screen(monkeypatch, capsys):
         with pytest.raises(SystemExit):
             main([*arguments, "--help"])
         assert capsys.readouterr().out.count("\n") < 54, arguments
+
+
+def test_the_commands_in_a_help_can_be_copied(monkeypatch, capsys):
+    """However narrow the terminal: their lines are not wrapped."""
+    monkeypatch.setenv("COLUMNS", "60")
+    with pytest.raises(SystemExit):
+        main(["sim", "--help"])
+    shown = capsys.readouterr().out.partition("Epson on SPI:\n")[2].replace("\\\n", "")
+    *variables, program, port, spi, option, setting = shlex.split(shown)
+    assert [variable.partition("=")[0] for variable in variables] == ["PYTHONPATH", "IMUD_SIM"]
+    assert (Path(variables[0].partition("=")[2]) / "spidev.py").exists()
+    assert variables[1].endswith("g350 --scenario car")
+    assert [program, port, spi, option] == ["imud", "--port", "spi:0.0", "--set"]
+    assert setting == "spi.data_ready=gpiochip0:24"
 
 
 def test_closed_streams_change_no_exit_code():

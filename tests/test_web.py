@@ -229,6 +229,7 @@ async def records(page, folder):
 
 WATCH_NORTH = """(() => { const plain = CanvasRenderingContext2D.prototype.fillText;
   CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+    if (text === "x" && this.canvas.id === "pose") window.drawn = true;
     if (text === "N" && this.canvas.id === "pose") window.north = [x / this.canvas.height, y / this.canvas.height];
     plain.call(this, text, x, y); } })()"""
 
@@ -336,6 +337,11 @@ def test_a_yaw_is_shown_for_what_it_is_and_stays_when_the_sensor_is_silent(state
             await page.until(f"{health}.includes('satellites in use 9') && {LINK}.startsWith('no sensor data')")
             await page.until(f"{health}.startsWith('inertial sensor – receiver –')")
             assert (await page.evaluate(motion)).startswith(f"{row} deg" if "±" in row else row)
+            await page.evaluate(WATCH_NORTH)
+            await page.evaluate("document.getElementById('pose').focus()")
+            await press(page, "ArrowRight", 39)
+            await page.until("window.drawn")
+            assert (await page.evaluate("Boolean(window.north)")) == ("heading" in state)
             assert page.errors == []
 
     with page_server(tmp_path / "gpsd.sock") as url:

@@ -5,6 +5,7 @@ import contextlib
 import functools
 import importlib
 import io
+import itertools
 import os
 import sys
 from collections.abc import Collection, Iterable
@@ -61,6 +62,12 @@ class _Formatter(argparse.HelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=_columns() - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """As argparse, but lines that begin with two spaces are commands, which stay whole for who copies them."""
+        parts = itertools.groupby(text.splitlines(), key=lambda line: line.startswith("  "))
+        wrap = super()._fill_text
+        return "\n".join("\n".join(lines) if raw else wrap("\n".join(lines), width, indent) for raw, lines in parts)
 
 
 @functools.cache

@@ -130,7 +130,7 @@ METRICS = (
     ),
     Metric("imud_aiding_age_seconds", _GAUGE, "Since the last one.", r"aiding\.sources\.(?P<source>\w+)\.age_s"),
     Metric(
-        "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>\w+)",
+        "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>.+)",
     ),
     Metric("imud_clients", _GAUGE, "Connected clients.", r"outputs\.(?P<output>\w+)\.clients"),
     Metric(

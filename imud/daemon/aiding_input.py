@@ -46,7 +46,7 @@ class AidingInput:
             if data is None:
                 self._decoder.refuse("length", f"a datagram of more than {LONGEST} bytes")
             elif (inertial := self._selection.inertial) is None:
-                self._decoder.refuse("early", "there is no inertial sensor yet")
+                self._decoder.refuse("lack of a sensor", "there is no inertial sensor yet")
             else:
                 filter_ = inertial.pipeline.filter
                 for source, measurement in self._decoder.decode(data, filter_.estimator.sources, now_ns, unix_ns):

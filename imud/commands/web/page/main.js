@@ -51,7 +51,7 @@ function draw() {
   const known = (est.state ?? "aligning").includes("aligning") ? {} : est;
   drawHorizon(byId("horizon"), known.roll_deg, known.pitch_deg);
   drawCompass(byId("compass"), known.heading_deg, known.syaw_deg, est.state?.includes("heading"));
-  drawPose(byId("pose"), known.q0 == null ? null : [known.q0, known.q1, known.q2, known.q3]);
+  drawPose(byId("pose"), known.q0 == null ? null : [known.q0, known.q1, known.q2, known.q3], est.state?.includes("heading"));
   fillTables(news, fresh);
   tellState();
 }

@@ -55,7 +55,7 @@ function arrow(c, scale, tip, text, tint) {
   c.fillText(text, x * 1.1, y * 1.1);
 }
 
-function ground(c, scale) {
+function ground(c, scale, isNorthKnown) {
   c.strokeStyle = colour("line");
   c.lineWidth = 1;
   const at = (n, e) => seen([n, e, 1]).slice(0, 2).map((v) => v * scale);
@@ -64,6 +64,7 @@ function ground(c, scale) {
     line(c, at(-2, k), at(2, k));
   }
   c.fillStyle = colour("soft");
+  if (!isNorthKnown) return;
   for (const [text, n, e] of [["N", 2.25, 0], ["E", 0, 2.25], ["S", -2.25, 0], ["W", 0, -2.25]]) c.fillText(text, ...at(n, e));
 }
 
@@ -93,12 +94,12 @@ function box(c, scale, q) {
   }
 }
 
-export function drawPose(canvas, q) {
+export function drawPose(canvas, q, isNorthKnown) {
   const { c, w, h } = begin(canvas);
   if (!q) return unknown(c);
   const scale = Math.min(w / 2.8, h / 2);
   c.translate(0, -0.3 * scale);
-  ground(c, scale);
+  ground(c, scale, isNorthKnown);
   box(c, scale, q);
   [["x", [1.7, 0, 0]], ["y", [0, 1.3, 0]], ["z", [0, 0, 1]]].forEach(([name, tip]) => arrow(c, scale, rotate(q, tip), name, colour(name)));
 }

@@ -100,7 +100,7 @@ def test_a_spare_that_sits_otherwise_than_the_settings_say_is_turned_once_motion
     ports = ("--port", str(first), "--port", str(second))
     record = ("--record", str(recording), "--set", "record.estimate_rate_hz=0")
     both = emulator("g350", "rga300", *CAR, "--faults", "g350:unplug@30-900", links=[first, port])
-    with both, daemon(tmp_path, *ports, "--set", wrong, *record) as imud:
+    with both, daemon(tmp_path, *ports, "--set", wrong, *record, *RATE) as imud:
         plug_in_spare(imud, first, second, port)
         imud.says(f"inertial sensor on {second} sits otherwise than the settings say")
         imud.says(f"streaming port={second}")
@@ -159,8 +159,8 @@ def test_how_a_spare_sits_is_known_over_a_restart(tmp_path, monkeypatch):
             used.close()
             imud.says(f"streaming port={second}")
             assert before in imud.log
-            seq = imud.until(level)["seq"]
-            est = imud.until(lambda message: level(message) and message["seq"] > seq + 3 * RATE_HZ)
+            seq = imud.until(lambda message: level(message, 2.0))["seq"]  # the sigma of its mounting is in it
+            est = imud.until(lambda message: level(message, 2.0) and message["seq"] > seq + 3 * RATE_HZ)
             assert est["sroll_deg"] > found["sigma_deg"]
             assert est["roll_deg"] == pytest.approx(10.0, abs=4.0 * est["sroll_deg"])
             assert est["pitch_deg"] == pytest.approx(-5.0, abs=4.0 * est["spitch_deg"])

@@ -235,6 +235,7 @@ def test_exit_codes(arguments, code, says, capsys):
     assert (out, says in err, "Traceback" in err) == ("", True, False), err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
     pytest.importorskip("numba", reason="where it cannot be installed, the kernels come compiled")

@@ -157,7 +157,8 @@ def measure_position(p, c, fix):
 def measure_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
-    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, age, rows, 0)
+    c.scratch.lag_change = (age + c.nav.velocity_time_offset) * c.scratch.accel_fit  # of a constant acceleration
+    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, rows, 0)
 
 
 def measure_nhc(p, c, fix):

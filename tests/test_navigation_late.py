@@ -25,7 +25,7 @@ def data(seed=1, **how):
 
 
 def test_a_fix_that_comes_late_gives_the_state_of_one_that_came_soon():
-    samples, fixes = data(late=0.2)  # longer than the latency may be: it is seen in the velocities on both sides
+    samples, fixes = data(late=1.2)  # the velocities that the acceleration at a fix is fitted to have come
     late = fixes.copy()
     late["arrival_ns"] += 280_000_000
     prompt, _, prompt_state = navigate(samples, fixes)

@@ -184,8 +184,9 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("learning_d", "<f8", (LEARNING_STATES,)),
         ("learning_gain", "<f8", (LEARNING_STATES,)),
         ("position_innovation", "<f8", (3,)),
-        ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration over the uncertain part of the time offset
-        ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity there
+        ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration of the antenna where its velocity was that of the fix
+        ("lag_change", "<f8", (3,)),  # m/s, change of the antenna's velocity since then
+        ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity's time offset
         ("integral_change", "<f8", (4, 2)),
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),

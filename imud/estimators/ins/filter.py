@@ -201,8 +201,8 @@ def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, i
         return fuse_source(p, c, e.measurement, innovations)
     store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
-    fit_acceleration(p, s, snapshots)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
+    fit_acceleration(p, s, snapshots, age)
     rows = fuse_gnss(p, c, s.bank[0], e.fix, age, innovations)
     s.last_epoch_ns = e.fix.t_ns
     s.last_time_offset = c.nav.time_offset

@@ -22,6 +22,7 @@ from ..tuning import Tunable
 from .ekf import covariance, variance
 from .imu_sample import process_sample
 from .lever_arm import velocity_of_point
+from .noise_density import velocity_psd
 from .propagation import propagate_to
 from .state import (
     AIDING_RING,
@@ -42,6 +43,14 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("unknown_accel", 2.0, "m/s^2", "Acceleration where the velocity's history is not known.", "Choice."),
+    Tunable("accel_window_s", 0.8, "s", "Longest time over which the acceleration at a fix is fitted.", "Choice."),
+    Tunable(
+        "accel_window_gate",
+        9.0,
+        "",
+        "Square of the curvature of the velocities, over the variance by noise, from which on that time is halved.",
+        "Three sigma.",
+    ),
 )
 
 
@@ -206,11 +215,19 @@ def antenna_velocity_at(s: State, snapshot_count: int, t_ns: int) -> Vector:
 
 
 @kernel
-def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
-    """scratch.accel_fit <- acceleration of the antenna (m/s^2, NED) over the uncertainty of the velocity's time offset.
+def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -> None:
+    """scratch.accel_fit <- acceleration of the antenna, m/s^2, NED, where its velocity was that of the fix.
 
-    scratch.accel_fit_error <- m/s, error of that straight line: the second-order term of the velocity. Velocities after
-    the core's time are those of the `snapshot_count` snapshots before the rewind.
+    It is the slope of a straight line over the longest time, up to `accel_window_s`, over which noise explains all that
+    the velocities differ from it: the noise of a shorter one is that of the velocity's error, and gives a wrong time
+    offset that is certain (errors in variables). Where possible the line begins at the velocity of the fix, because
+    noise that comes later is not in the error of that velocity.
+
+    scratch.accel_fit_error <- m/s, second-order term by the uncertainty of the velocity's time offset.
+    scratch.lag_change <- m/s, change of the antenna's velocity since then until the core's time.
+
+    age: by which the position of the fix was true before the core's time, s. Velocities after the core's time are those
+    of the `snapshot_count` snapshots before the rewind.
     """
     c = s.core[0]
     time_offset_var = (
@@ -218,21 +235,35 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int) -> None:
         + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
         + variance(c, VELOCITY_TIME_OFFSET)
     )
-    span = max(math.sqrt(max(time_offset_var, 0.0)), 1e-9 * SNAPSHOT_NS)
+    lag = age + c.nav.velocity_time_offset
+    then_ns, newest_ns = c.nav.t_ns - int(1e9 * lag), c.nav.t_ns
+    if snapshot_count > 0:
+        newest_ns = max(newest_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns)
+    least = max(math.sqrt(max(time_offset_var, 0.0)), 1e-9 * SNAPSHOT_NS)
+    span, psd = max(0.5 * p.tuning.accel_window_s, least), velocity_psd(p, c)
+    while True:
+        span_ns = int(1e9 * span)
+        last_ns = min(newest_ns, then_ns + 2 * span_ns)
+        v0 = antenna_velocity_at(s, snapshot_count, last_ns)
+        v1 = antenna_velocity_at(s, snapshot_count, last_ns - span_ns)
+        v2 = antenna_velocity_at(s, snapshot_count, last_ns - 2 * span_ns)
+        most = 0.0
+        for i in range(3):
+            most = max(most, (v0[i] - 2.0 * v1[i] + v2[i]) ** 2)
+        if not most > p.tuning.accel_window_gate * 2.0 * psd * span or span <= least:
+            break
+        span = max(0.5 * span, least)
+    now = antenna_velocity_at(s, snapshot_count, c.nav.t_ns)
+    then = antenna_velocity_at(s, snapshot_count, then_ns)
     share = time_offset_var / span**2
-    newest_ns = max(
-        c.nav.t_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns if snapshot_count > 0 else c.nav.t_ns
-    )
-    ahead = min(1e-9 * (newest_ns - c.nav.t_ns), span)
-    last_ns, span_ns = c.nav.t_ns + int(1e9 * ahead), int(1e9 * span)
-    v0 = antenna_velocity_at(s, snapshot_count, last_ns)
-    v1 = antenna_velocity_at(s, snapshot_count, last_ns - span_ns)
-    v2 = antenna_velocity_at(s, snapshot_count, last_ns - 2 * span_ns)
     for i in range(3):
         known = math.isfinite(v0[i]) and math.isfinite(v1[i]) and math.isfinite(v2[i])
         curve = v0[i] - 2.0 * v1[i] + v2[i]
-        c.scratch.accel_fit[i] = (v0[i] - v2[i] + (1.0 - ahead / span) * curve) / (2.0 * span) if known else 0.0
+        c.scratch.accel_fit[i] = (v0[i] - v2[i]) / (2.0 * span) if known else 0.0
         c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else p.tuning.unknown_accel * span
+        changed = now[i] - then[i]
+        usable = math.isfinite(changed) and then_ns <= newest_ns
+        c.scratch.lag_change[i] = changed if usable else lag * c.scratch.accel_fit[i]
 
 
 @kernel

@@ -92,7 +92,7 @@ def fuse_and_align(
         align_with_fix(p, c, b, fix)
     if not first:
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
-    rows = fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+    rows = fuse_gnss_velocity(p, c, fix, innovations, rows)
     if c.alignment.mode == NAVIGATING:
         doubt_earlier_estimates(p, c)
     return rows
@@ -173,7 +173,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     if position_is_frozen(p, c, fix):
         reject_frozen(c)
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
-        return rows if repeated else fuse_gnss_velocity(p, c, fix, age, innovations, rows)
+        return rows if repeated else fuse_gnss_velocity(p, c, fix, innovations, rows)
     rows = fuse_and_align(p, c, b, fix, age, innovations)
     heading_ok = check_given_heading(p, c)
     check_drift(p, c)

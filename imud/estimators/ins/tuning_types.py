@@ -302,6 +302,8 @@ class Tuning:
     max_attitude_noise: float
     min_attitude_noise: float
     unknown_accel: float
+    accel_window_s: float
+    accel_window_gate: float
     max_ahead_s: float
     heading_sigma: float
     heading_correlation_s: float

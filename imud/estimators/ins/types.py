@@ -447,6 +447,7 @@ class Scratch:
     learning_gain: Floats
     position_innovation: Reals
     accel_fit: Reals
+    lag_change: Reals
     accel_fit_error: Reals
     integral_change: Tensor
     innovations: list[Innovation]

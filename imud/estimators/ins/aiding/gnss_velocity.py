@@ -1,9 +1,10 @@
 """The GNSS velocity, component by component: reported as three components, two, or speed and course.
 
-z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + a (age + velocity_time_offset), in m/s, NED
+z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + dv, in m/s, NED
 
-a: acceleration of the antenna around the epoch; `age`: as in `gnss_position`. The attitude error phi changes
-C_nb (w x lever_arm) by phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
+dv: change of the antenna's velocity since that of the fix was true (`fusion_horizon.fit_acceleration`). An error of a
+time offset changes it by the acceleration at that time. The attitude error phi changes C_nb (w x lever_arm) by
+phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
 """
 
 from __future__ import annotations
@@ -97,8 +98,8 @@ def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: 
 
 
 @kernel
-def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations: list[Innovation], n: int) -> int:
-    """Gate and fuse the velocity, which was true `age` s before the core's time; returns the rows of innovations.
+def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innovation], n: int) -> int:
+    """Gate and fuse the velocity; returns the rows of innovations.
 
     n: rows of `innovations` written before.
     """
@@ -106,7 +107,6 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
     timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0
-    velocity_age = age + c.nav.velocity_time_offset
     if c.odometer.last_used_ns != NEVER_NS:
         a, e = c.scratch.accel_fit, c.scratch.accel_fit_error
         z_n = (
@@ -114,14 +114,14 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations
             - c.nav.gnss_velocity_bias[0]
             - c.nav.v_n[0]
             - antenna[0]
-            + timed * velocity_age * a[0]
+            + timed * c.scratch.lag_change[0]
         )
         z_e = (
             velocity_of(p, fix, 1)
             - c.nav.gnss_velocity_bias[1]
             - c.nav.v_n[1]
             - antenna[1]
-            + timed * velocity_age * a[1]
+            + timed * c.scratch.lag_change[1]
         )
         r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1])) + timed * (e[0] ** 2 + e[1] ** 2)
         check_receiver(p, c, z_n, z_e, a[0], a[1], r)
@@ -131,7 +131,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, age: float, innovations
         if not math.isfinite(received):
             continue
         accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
-        z = received - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i] - antenna[i] + velocity_age * accel
+        z = received - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i] - antenna[i] + timed * c.scratch.lag_change[i]
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
         length = velocity_jacobian(p, c, antenna, accel, i)

@@ -270,7 +270,7 @@ def main():
                 found.setdefault((f"{job[2]:g}", vehicle, receiver), []).append(row)
     print("| step deg/s | vehicle | receiver |", " | ".join(row), "|")
     print("|---" * (3 + len(row)) + "|")
-    for head, rows in sorted(found.items(), key=lambda item: item[0][0]):
+    for head, rows in sorted(found.items(), key=lambda item: (item[0][0], item[0][1] == "all")):
         print(line(head, rows))
 
 

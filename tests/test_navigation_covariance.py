@@ -77,9 +77,14 @@ def test_one_interval_is_that_of_the_matrix_exponential(seed):
     force = rng.standard_normal(3) * 3 + (0, 0, -9.8)
     c["imu"]["delta_v"], c["imu"]["delta_theta"], c["imu"]["integration_time"] = force * dt, c["imu"]["rate_b"] * dt, dt
     tuning = p.view(np.recarray)[0].tuning
+    mean = np.array([0.04, -0.02]) * seed  # of the level force: from none to mostly more than noise
+    c["imu"]["level_force"] = mean
+    mean = mean + dt / tuning.level_force_time_s * (force[:2] - mean)
+    noise = tuning.level_force_gate * (p[0]["accel_psd"] + tuning.vibration_vrw**2 * 0.4) / tuning.level_force_time_s
+    known = force * np.append([max(1.0 - noise / (mean @ mean), 0.0)] * 2, 1.0)
     F = np.zeros((STATES, STATES))
     F[block(POSITION), block(VELOCITY)] = np.eye(3)
-    F[block(VELOCITY), block(ATTITUDE)] = -skew(force)
+    F[block(VELOCITY), block(ATTITUDE)] = -skew(known)
     F[block(VELOCITY), block(ACCEL_BIAS)] = -C
     F[block(ATTITUDE), block(GYRO_BIAS)] = -C
     for j, rate in enumerate(c["imu"]["rate_b"]):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
+from replay_in_process import new_filter
 
+from imud.batch import play
+from imud.estimators.ins.state import NEVER_NS
 from imud.estimators.records import HEADING_VALID
 
 RATE, BEGIN_S = 100, 90.0
@@ -71,3 +74,41 @@ def test_without_a_step_none_is_detected():
     yaw, _ = run(4, 0.0)
     blind, _ = run(4, 0.0, tuning={"gyro_bias_step_chi2": OFF})
     np.testing.assert_array_equal(yaw, blind)
+
+
+def onset_ages(samples, fixes):
+    """Ages of the onsets, s, in each second in which all are open."""
+    filter_ = new_filter("navigation", samples, settings_of("free", tuning={"gyro_bias_step_chi2": OFF}))
+    ages = []
+
+    def look(t_ns):
+        onsets = filter_.state["core"][0, 0]["gyro_bias_step"]["onset_ns"]
+        if onsets.min() > NEVER_NS:
+            ages.append(1e-9 * (t_ns - onsets))
+
+    order = np.argsort(fixes["arrival_ns"], kind="stable")
+    play(filter_, samples.copy(), fixes[order], lambda rows: None, each_second=look)
+    return np.array(ages)
+
+
+def test_an_onset_of_half_the_greatest_age_is_always_there():
+    """They once began anew together now and then, and a step of seconds before was not seen."""
+    d, rng = drive(300.0), np.random.default_rng(1)
+    ages = onset_ages(sensed(d, rng), received(d, rng))
+    assert len(ages) > 200
+    assert (np.diff(ages, axis=1) >= 0.0).all()
+    assert ages.max(axis=0) == pytest.approx([12.0, 24.0, 48.0, 96.0], abs=2.0)
+    assert ages[100:].min(axis=0) == pytest.approx([0.0, 12.0, 24.0, 48.0], abs=2.0)
+
+
+def test_a_step_that_is_found_opens_the_biases_of_all_axes():
+    """Only the vertical part of it shows, and a vehicle leans: the axis that has it is not known."""
+    d, rng = DRIVES[12.0], np.random.default_rng(0)
+    samples = sensed(d, rng)
+    samples["w"][int(BEGIN_S * RATE) :, 2] += np.radians(1.0)
+    fixes = received(d, rng, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
+    out = navigate(samples, fixes, settings_of("free"))[0]
+    opened = np.degrees(out["sigma_bg"][1:] ** 2 - out["sigma_bg"][:-1] ** 2)
+    k = int(BEGIN_S * RATE) + np.argmax(opened[int(BEGIN_S * RATE) :, 2])
+    assert (np.degrees(out["sigma_bg"][k + 1]) > 0.1).all()
+    assert (np.degrees(out["sigma_bg"][k]) < 0.1).all()

@@ -94,6 +94,7 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
         ("delta_theta", "<f8", (3,)),  # rad, integral of the body's rate
         ("deferred_rotation", "<f8", (3,)),  # rad, body, turned without gyro_scale, until it is notable
         ("accel_n", "<f8", (3,)),  # m/s^2, smoothed acceleration in NED
+        ("level_force", "<f8", (2,)),  # m/s^2, averaged specific force, north and east
         ("rate_b", "<f8", (3,)),  # rad/s, smoothed rate of the body
         ("scale_error_rate", "<f8", (3,)),  # rad/s, gyro_scale times the smoothed rate: for the solution
     ],

@@ -34,7 +34,7 @@ from ...math.rotation import Vector
 from ..tuning import Tunable
 from .ekf import add_variance, decorrelate, exponential
 from .mechanization import rotate_attitude, rotation_matrix
-from .noise_density import attitude_psd, velocity_psd
+from .noise_density import accelerometer_psd, attitude_psd, velocity_psd
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -119,18 +119,48 @@ TUNABLES = (
         "Random walk of the time offset, with positions of centimetres; the floor of coarser ones is above it.",
         "1 ms in a second: simulated clocks that run apart by up to 5 ms/s.",
     ),
+    Tunable(
+        "level_force_time_s",
+        1.0,
+        "s",
+        "Time constant of the average by which a level force is told from noise.",
+        "A manoeuvre of a multicopter.",
+    ),
+    Tunable(
+        "level_force_gate",
+        2.0,
+        "",
+        "Mean squares of noise that are no force.",
+        "Noise alone exceeds two in a seventh of the time, by little.",
+    ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
 )
+
+
+@kernel
+def known_force_share(p: Parameters, c: Core) -> float:
+    """Share of the level specific force that is no noise: 1 less the noise's square over that of the averaged force.
+
+    A heading shows in the direction in which a level force changes the velocity. Noise changes the estimated velocity,
+    too, in the direction of the estimated heading: taken for a force, it confirms any heading, and makes it falsely
+    observable (errors in variables). That is most of what a multicopter measures while it hovers.
+    """
+    dt, mean = c.imu.integration_time, c.imu.level_force
+    gain = min(dt / p.tuning.level_force_time_s, 1.0)
+    for i in range(2):
+        mean[i] += gain * (c.imu.delta_v[i] / dt - mean[i])
+    mean_square = accelerometer_psd(p, c) / p.tuning.level_force_time_s  # of the noise, both axes
+    square, noise = mean[0] ** 2 + mean[1] ** 2, p.tuning.level_force_gate * mean_square
+    return 1.0 - noise / square if square > noise else 0.0
 
 
 @kernel
 def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     """transition <- F over the interval since P was propagated, at the attitude now; see core.TRANSITION."""
     C_nb, dt = rotation_matrix(c), c.imu.integration_time
-    fx, fy, fz = c.imu.delta_v[0], c.imu.delta_v[1], c.imu.delta_v[2]
-    if (
-        c.stationarity.at_rest
-    ):  # gravity is known exactly; measured noise in fx, fy would make the heading falsely observable
+    share = known_force_share(p, c)
+    fx, fy, fz = share * c.imu.delta_v[0], share * c.imu.delta_v[1], c.imu.delta_v[2]
+    if c.stationarity.at_rest:  # gravity is known exactly
         fx, fy, fz = 0.0, 0.0, -STANDARD_GRAVITY * dt
     transition.interval = dt
     transition.delta_v[0], transition.delta_v[1], transition.delta_v[2] = fx, fy, fz

@@ -69,6 +69,13 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 
 
 @kernel
+def accelerometer_psd(p: Parameters, c: Core) -> float:
+    """White noise of the accelerometers, m^2/s^3: the sensor's and that of vibration."""
+    learned = c.process_noise.psd[0] * c.stationarity.vibration_level
+    return float(p.accel_psd + learned + c.stationarity.vibration_accel_psd)
+
+
+@kernel
 def velocity_psd(p: Parameters, c: Core) -> float:
     """Q of the velocity, m^2/s^3: sensor noise, vibration, scale factors, and second-order effects of the heading."""
     a = c.imu.accel_n
@@ -79,12 +86,7 @@ def velocity_psd(p: Parameters, c: Core) -> float:
             if not c.stationarity.at_rest
             else 0.0
         )
-    q = (
-        p.accel_psd
-        + c.process_noise.psd[0] * c.stationarity.vibration_level  # learned
-        + c.stationarity.vibration_accel_psd
-        + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
-    )
+    q = accelerometer_psd(p, c) + p.accel_scale**2 * accel2 * p.tuning.accel_scale_time_s
     return float(q + second_order_psd(p, c, accel2))
 
 

@@ -13,6 +13,8 @@ class Tuning:
     nhc_lever_arm_psd: float
     min_scaled_turn: float
     time_offset_psd: float
+    level_force_time_s: float
+    level_force_gate: float
     gyro_scale_psd: float
     unset_boresight_sigma: float
     heading_boresight_psd: float

@@ -85,6 +85,7 @@ class Imu:
     delta_theta: Reals
     deferred_rotation: Reals
     accel_n: Reals
+    level_force: Reals
     rate_b: Reals
     scale_error_rate: Reals
 

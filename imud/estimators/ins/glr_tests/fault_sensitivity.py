@@ -56,6 +56,13 @@ def open_column(c: Core, column: int) -> None:
 
 
 @kernel
+def copy_column(c: Core, source: int, target: int) -> None:
+    """Column `target` becomes column `source`."""
+    for i in range(STATES):
+        c.faults.sensitivity[i, target] = c.faults.sensitivity[i, source]
+
+
+@kernel
 def set_sensitivity(c: Core, i: int, column: int, value: float) -> None:
     """V of error state i, of a fault that begins now."""
     c.faults.sensitivity[i, column] = value

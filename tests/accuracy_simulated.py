@@ -1,0 +1,278 @@
+"""How long the navigation filter is wrong and sure on simulated drives and flights, with and without a bias that steps.
+
+    python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
+                                        [--set KEY=VALUE,..] [--jobs 2]
+
+Six vehicles, four receivers; each seed draws way, sensor and receiver. The sensor is worse than the filter's noise
+profile: scale factors and misalignments, rates that depend on the force, a bias that warms up, vibration. The receiver
+errs slowly, its velocities are smoothed and late, its stamps are off. With a step the bias of the gyro about the
+vertical jumps by so many deg/s, at 110 to 140 s. Each run goes through what users run, at its full rate, without
+settings. "Wrong and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the status says that
+position, attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5 degrees. Seconds are
+sums over the seeds, the rest medians (NEES: means) from a minute after the start on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import itertools
+import os
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from navigation_runner import fixes_of, navigate, samples_of, settings_of
+from navigation_simulation import curvature, errors, moved
+from scipy.spatial.transform import Rotation
+from vehicle_simulation import RATE, ahead, levels, smooth
+
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+
+SECONDS, SETTLED_S, LIMIT_M, LIMIT_DEG, LIMIT_SIGMA = 240.0, 60.0, 5.0, 5.0, 4.0
+
+
+def angles(yaw, pitch, roll):
+    return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+
+
+def waves(rng, t, sigma, slowest_s=8.0, fastest_s=3.0):
+    """A sum of sines (n,), of this RMS."""
+    rate, phase = 2.0 * np.pi / rng.uniform(fastest_s, slowest_s, 5), rng.uniform(0.0, 6.3, 5)
+    return sigma * np.sqrt(0.4) * np.sin(np.outer(t, rate) + phase).sum(axis=1)
+
+
+def plane(rng, t):
+    """Straight, in turns with the bank that they need, climbing and descending; it starts on the ground."""
+    go = np.clip((t - 8.0) / 12.0, 0.0, 1.0)
+    speed = smooth(go * levels(rng, t, 14.0, 26.0, 20.0), 3.0)
+    turns = levels(rng, t, -0.35, 0.35, 9.0) * (levels(rng, t, 0.0, 1.0, 14.0) > 0.4)
+    rate = smooth(turns * (go >= 1.0), 1.5)
+    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE
+    pitch = smooth(levels(rng, t, -0.1, 0.15, 12.0) * (go >= 1.0), 2.0) + 0.01 * go * waves(rng, t, 1.0)
+    roll = np.arctan(speed * rate / 9.8) + 0.02 * go * waves(rng, t, 1.0)
+    return ahead(speed, yaw, pitch), angles(yaw + 0.01 * go * waves(rng, t, 1.0), pitch, roll)
+
+
+def multicopter(rng, t):
+    """It hovers in gusts for long, flies in any direction between, with the tilt that this needs, and turns."""
+    aloft = np.clip((t - 8.0) / 3.0, 0.0, 1.0)
+    flies = levels(rng, t, 0.0, 1.0, 18.0) > rng.uniform(0.2, 0.6)
+    v = np.column_stack([smooth(smooth(levels(rng, t, -s, s, 6.0) * flies * aloft, 1.0), 1.0) for s in (6.0, 6.0, 1.5)])
+    v += 0.15 * aloft[:, None] * np.column_stack([waves(rng, t, 1.0, 12.0, 3.0) for _ in range(3)])
+    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(levels(rng, t, -0.6, 0.6, 5.0) * flies * aloft, 1.0)) / RATE
+    north, east, _ = np.gradient(v, t, axis=0).T
+    along, right = north * np.cos(yaw) + east * np.sin(yaw), -north * np.sin(yaw) + east * np.cos(yaw)
+    gusts = 0.02 * aloft[:, None] * np.column_stack([waves(rng, t, 1.0, 2.0, 0.5) for _ in range(2)])
+    return v, angles(yaw, gusts[:, 0] - np.arctan(along / 9.8), gusts[:, 1] + np.arctan(right / 9.8))
+
+
+def car(rng, t, slowest, fastest, every_s, stops, turn, turn_s):
+    speed = levels(rng, t, slowest, fastest, every_s)
+    speed[levels(rng, t, 0.0, 1.0, 11.0) < stops] = 0.0
+    speed[t < 8.0] = 0.0
+    speed = smooth(speed, 0.15 * fastest)
+    turns = levels(rng, t, -turn, turn, turn_s) * (levels(rng, t, 0.0, 1.0, 1.2 * turn_s) > 0.4)
+    rate = smooth(turns, 0.3 * turn_s) * np.clip(speed / 5.0, 0.0, 1.0)
+    yaw, pitch = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE, 0.01 * np.gradient(speed, t)
+    pitch += 0.002 * np.minimum(speed, 10.0) * waves(rng, t, 0.3, 3.0, 0.7)
+    return ahead(speed, yaw, pitch), angles(yaw, pitch, 0.005 * speed * rate)
+
+
+def city(rng, t):
+    return car(rng, t, 2.0, 14.0, 9.0, 0.2, 0.35, 5.0)
+
+
+def motorway(rng, t):
+    return car(rng, t, 20.0, 34.0, 14.0, 0.0, 0.03, 12.0)
+
+
+def boat(rng, t):
+    """In a current, in waves that move, roll, nod and yaw it."""
+    height = rng.uniform(0.2, 1.5)
+    speed = smooth(levels(rng, t, 1.5, 7.0, 20.0), 5.0) * np.clip((t - 5.0) / 8.0, 0.0, 1.0)
+    course = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(levels(rng, t, -0.12, 0.12, 11.0), 3.0)) / RATE
+    yaw = course + 0.04 * height * waves(rng, t, 1.0)
+    v = ahead(speed, yaw) + np.append(rng.uniform(-0.6, 0.6, 2), 0.0)
+    v += 0.25 * height * np.column_stack([waves(rng, t, 1.0) for _ in range(3)])
+    return v, angles(yaw, 0.04 * height * waves(rng, t, 1.0), 0.07 * height * waves(rng, t, 1.0))
+
+
+def walker(rng, t):
+    """Two steps a second, which bob and sway; it stands now and then."""
+    pace = 2.0 * np.pi * np.cumsum(0.9 + 0.05 * waves(rng, t, 1.0)) / RATE
+    go = smooth(((t > 5.0) & (levels(rng, t, 0.0, 1.0, 14.0) > 0.15)).astype(float), 1.0)
+    speed = smooth(levels(rng, t, 0.9, 1.7, 8.0), 1.5) * go * (1.0 + 0.15 * np.sin(2.0 * pace))
+    turns = levels(rng, t, -0.6, 0.6, 5.0) * (levels(rng, t, 0.0, 1.0, 6.0) > 0.4)
+    course = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(turns, 1.0) * go) / RATE
+    v = ahead(speed, course)
+    v += (0.12 * go * np.sin(pace))[:, None] * np.column_stack([-np.sin(course), np.cos(course), 0.0 * t])
+    v[:, 2] += 0.25 * go * np.sin(2.0 * pace)
+    yaw = course + rng.uniform(-3.0, 3.0) + 0.05 * go * np.sin(pace)
+    return v, angles(yaw, 0.3 + 0.05 * go * np.sin(2.0 * pace), 0.04 * go * np.sin(pace) + 0.05 * waves(rng, t, 1.0))
+
+
+VEHICLES = {  # way; vibration, m/s/sqrt(s) and deg/sqrt(s): least and greatest
+    "plane": (plane, (0.01, 0.2), (0.005, 0.15)),
+    "multicopter": (multicopter, (0.03, 0.4), (0.01, 0.3)),
+    "city": (city, (0.005, 0.1), (0.002, 0.05)),
+    "motorway": (motorway, (0.01, 0.15), (0.002, 0.05)),
+    "boat": (boat, (0.005, 0.1), (0.002, 0.05)),
+    "walker": (walker, (0.01, 0.1), (0.01, 0.1)),
+}
+
+
+@functools.lru_cache(2)
+def way(name, seed):
+    """The Drive of a vehicle."""
+    rng, t = np.random.default_rng([seed, list(VEHICLES).index(name)]), np.arange(int(SECONDS * RATE)) / RATE
+    v, attitude = VEHICLES[name][0](rng, t)
+    return moved(t, v, attitude)
+
+
+def sensed(d, rng, vrw, arw):
+    """SAMPLE rows of a sensor that is worse than its noise profile says, on a vehicle that shakes it so much."""
+    sigma, n = rng.standard_normal, len(d.t)
+    moves = smooth((np.linalg.norm(d.v, axis=1) > 0.2).astype(float), 1.0)[:, None]
+    scale, accel_scale = (np.diag(0.012 * sigma(3)) + 0.006 * sigma((3, 3)) for _ in range(2))
+    g_sensitivity = np.radians(0.05) / 9.8 * sigma((3, 3))
+    bias = np.radians(0.4 * sigma(3) + 0.05 * sigma(3) * np.exp(-d.t / 100.0)[:, None])
+    bias = bias + np.radians(0.001) * np.cumsum(sigma((n, 3)), axis=0) / RATE**0.5
+    shaken_w = np.sqrt(np.radians(0.01) ** 2 + (moves * np.radians(arw)) ** 2) * RATE**0.5
+    shaken_f = np.sqrt(2e-3**2 + (moves * vrw) ** 2) * RATE**0.5
+    w = d.w + d.w @ scale.T + d.f @ g_sensitivity.T + bias + shaken_w * sigma((n, 3))
+    f = d.f + d.f @ accel_scale.T + 0.1 * sigma(3) + shaken_f * sigma((n, 3))
+    return samples_of(100.0 + d.t, w, f)
+
+
+def wander(rng, n, every_s, sigma, time_s):
+    """First-order Gauss-Markov errors (n, 3)."""
+    x, decay = np.empty((n, 3)), np.exp(-every_s / time_s)
+    x[0] = sigma * rng.standard_normal(3)
+    for i in range(1, n):
+        x[i] = decay * x[i - 1] + sigma * np.sqrt(1.0 - decay * decay) * rng.standard_normal(3)
+    return x
+
+
+RECEIVERS = {  # s between fixes; sigmas of positions, m: slow, white; of velocities, m/s: slow, of a second, white
+    "1 Hz positions": (1.0, 1.5, 0.3, None),
+    "1 Hz": (1.0, 1.5, 0.3, (0.04, 0.05, 0.05)),
+    "5 Hz": (0.2, 1.2, 0.2, (0.03, 0.05, 0.05)),
+    "RTK": (0.2, 0.01, 0.008, (0.01, 0.02, 0.02)),
+}
+
+
+def received(d, rng, name):
+    """FIX rows."""
+    every_s, slow, white, of_velocity = RECEIVERS[name]
+    k = np.arange(round(every_s * RATE), len(d.t), round(every_s * RATE))
+    n, down = len(k), np.array([1.0, 1.0, 1.8])
+    error = (wander(rng, n, every_s, slow, rng.uniform(20.0, 100.0)) + white * rng.standard_normal((n, 3))) * down
+    lag, stamp, late = rng.uniform(0.0, 0.15), rng.uniform(-0.04, 0.04), rng.uniform(0.05, 0.3)
+    meridian, normal = curvature(d.lat[k])
+    columns = {
+        "t_s": 100.0 + d.t[k] + stamp,
+        "arrival_s": 100.0 + d.t[k] + late,
+        "lat_deg": np.degrees(d.lat[k] + error[:, 0] / meridian),
+        "lon_deg": np.degrees(d.lon[k] + error[:, 1] / (normal * np.cos(d.lat[k]))),
+        "height_m": d.height[k] - error[:, 2],
+    }
+    if every_s == 1.0:
+        columns["hdop"] = np.full(n, 0.9)
+    else:
+        sigma = max(np.hypot(slow, white), 0.015)
+        columns |= {"sn_m": np.full(n, sigma), "se_m": np.full(n, sigma), "sd_m": np.full(n, 1.8 * sigma)}
+    if of_velocity:
+        slow, second, white = of_velocity
+        v = d.v[k - round(lag * RATE)] + white * rng.standard_normal((n, 3)) * down
+        v += (wander(rng, n, every_s, slow, rng.uniform(30.0, 200.0)) + wander(rng, n, every_s, second, 1.0)) * down
+        if every_s == 1.0:
+            columns |= {"speed_mps": np.hypot(v[:, 0], v[:, 1]), "course_deg": np.degrees(np.arctan2(v[:, 1], v[:, 0]))}
+        else:
+            columns |= dict(zip(("vn_mps", "ve_mps", "vd_mps"), v.T, strict=True))
+    return fixes_of(columns, n)
+
+
+def judged(d, out, begin):
+    """The figures of one run, by name; begin: the sample of the step."""
+    position, velocity, attitude = errors(d, out)
+    position, attitude, sigma = position[:, :2], np.degrees(attitude), np.degrees(out["sigma_rpy"])
+    yaw, tilt, away = np.abs(attitude[:, 2]), np.hypot(*attitude[:, :2].T), np.hypot(*position.T)
+    valid = lambda bit: (out["status"] & bit) > 0  # noqa: E731
+    known, late = valid(HEADING_VALID), d.t > SETTLED_S
+    sigmas = {
+        "yaw": yaw / sigma[:, 2],
+        "tilt": tilt / sigma[:, :2].max(axis=1),
+        "position": np.hypot(*(position / out["sigma_p"][:, :2]).T),
+    }
+    wrong = {
+        "yaw": known & (yaw > LIMIT_DEG),
+        "tilt": valid(ATTITUDE_VALID) & (tilt > LIMIT_DEG),
+        "position": valid(POSITION_VALID) & (away > LIMIT_M),
+    }
+    rms = lambda x: float(np.sqrt(np.mean(x * x))) if len(x) else np.nan  # noqa: E731
+    row = {f"{name} s": float((wrong[name] & (sigmas[name] > LIMIT_SIGMA)).sum()) / RATE for name in wrong}
+    return row | {
+        "yaw deg": rms(yaw[late & known]),
+        "yaw NEES": rms(sigmas["yaw"][late & known]) ** 2,
+        "no yaw s": float((~known | (yaw > LIMIT_DEG))[begin:].sum()) / RATE,
+        "velocity m/s": rms(np.hypot(*velocity[late, :2].T)),
+        "position m": rms(away[late]),
+    }
+
+
+def figures(vehicle, receiver, step_dps, seed, tuning=None):
+    """The figures of one run, by name."""
+    d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
+    rng = np.random.default_rng([seed, *sources, 1])
+    vrw, arw = (np.exp(rng.uniform(*np.log(span))) for span in VEHICLES[vehicle][1:])
+    samples, fixes = sensed(d, rng, vrw, arw), received(d, rng, receiver)
+    begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
+    samples["w"][begin:, 2] += np.radians(sign * step_dps)
+    out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
+    return judged(d, out, begin)
+
+
+def line(head, rows):
+    """A row of the table: sums of seconds, means of NEES, medians of the rest."""
+    cells = []
+    for name in rows[0]:
+        of = np.sum if name.endswith(" s") else np.nanmean if name.endswith("NEES") else np.nanmedian
+        cells.append(f"{of([row[name] for row in rows]):.3g}")
+    return "| " + " | ".join([*head, *cells]) + " |"
+
+
+def seeds_of(text):
+    first, _, last = text.partition("-")
+    return list(range(int(first), int(last or first) + 1))
+
+
+def arguments():
+    names = lambda text: text.split(",")  # noqa: E731
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seeds", type=seeds_of, default=seeds_of("0-15"), metavar="FIRST-LAST")
+    parser.add_argument("--vehicles", type=names, default=list(VEHICLES))
+    parser.add_argument("--receivers", type=names, default=list(RECEIVERS))
+    parser.add_argument("--step", type=names, default=["0", "0.5"], help="deg/s")
+    parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    return parser.parse_args()
+
+
+def main():
+    a = arguments()
+    tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
+    runs = itertools.product(a.vehicles, a.seeds, a.receivers, map(float, a.step))
+    jobs = [(vehicle, receiver, step, seed, tuning) for vehicle, seed, receiver, step in runs]
+    found = {}
+    with ProcessPoolExecutor(a.jobs) as pool:
+        for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):
+            for vehicle, receiver in (job[:2], ("all", "all")):
+                found.setdefault((f"{job[2]:g}", vehicle, receiver), []).append(row)
+    print("| step deg/s | vehicle | receiver |", " | ".join(row), "|")
+    print("|---" * (3 + len(row)) + "|")
+    for head, rows in sorted(found.items(), key=lambda item: (item[0][0], item[0][1] == "all")):
+        print(line(head, rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("unknown_accel", 2.0, "m/s^2", "Acceleration where the velocity's history is not known.", "Choice."),
-    Tunable("accel_window_s", 0.8, "s", "Longest time over which the acceleration at a fix is fitted.", "Choice."),
+    Tunable("accel_window_s", 0.4, "s", "Longest time over which the acceleration at a fix is fitted.", "Choice."),
     Tunable(
         "accel_window_gate",
         9.0,

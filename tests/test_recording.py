@@ -3,9 +3,11 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from decimal import Decimal
 from importlib import metadata
 from pathlib import Path
@@ -13,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import polars
 import pytest
-from processes import TIMEOUT_S, daemon, emulator
+from processes import TIMEOUT_S, daemon, emulator, process
 from recorded import reads_of, stored
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -348,3 +350,22 @@ def test_the_recording_holds_what_happened(recorded):
     assert json.loads(attached["settings.json"])["record"]["path"] == str(recorded)
     assert [len(recording.paths) for recording in group([recorded])[0]] == [1]
     assert recorded.stat().st_size > 10_000
+
+
+def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
+    port, absent, path = tmp_path / "imu", tmp_path / "absent", tmp_path / "raw.mcap"
+    with (
+        emulator("g350", links=[port]),
+        process("imud", "record", str(port), str(absent), "-o", str(path), stderr=subprocess.PIPE) as running,
+    ):
+        while "streaming" not in (line := running.stderr.readline()):
+            assert line, "it ended by itself"
+        begun = path.stat().st_size
+        while path.stat().st_size < begun + 20_000:
+            assert running.poll() is None
+            time.sleep(0.1)
+        running.send_signal(signal.SIGINT)
+        _, log = running.communicate()
+    said = re.findall(r"\[(\w+) *\] recorded (\d+) bytes +port=(\S+)", log)
+    data, _ = _bytes(path, "imu")
+    assert said == [("info", str(len(data)), str(port)), ("warning", "0", str(absent))]

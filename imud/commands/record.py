@@ -5,6 +5,7 @@ import contextlib
 import os
 import select
 import time
+from collections import Counter
 
 import msgspec
 
@@ -45,6 +46,7 @@ class RecordLoop:
         self._poll = select.epoll()
         self._by_fd: dict[int, Port] = {}
         self._byte_sinks: dict[Port, ByteSink] = {}
+        self._recorded = Counter[Port]()  # bytes
         self._buffer = memoryview(bytearray(READ_BYTES))
         self._ended = False
         self._pulse = choices.pulse(settings)
@@ -69,6 +71,8 @@ class RecordLoop:
                     getattr(self._log, level)(text)
         for port in self._ports:
             port.close()
+            say = self._log.info if self._recorded[port] else self._log.warning
+            say(f"recorded {self._recorded[port]} bytes", port=port.spec.path)
 
     def _end(self) -> None:
         self._ended = True
@@ -86,6 +90,7 @@ class RecordLoop:
         else:
             if received:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
+                self._recorded[port] += received
                 byte_sink(self._buffer[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
 
     def watch(self, port: Port, fd: int) -> None:

@@ -33,6 +33,7 @@ _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("unknown age", "their age is not known: they have waited somewhere and come faster than they are made")
 _CLOCK = Refusal("unknown age", "their age is not known: their times do not go on as they come")
+_UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -236,7 +237,8 @@ class Receiver:
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
-            return "receiver: says that it has a fix, but tells no new one"
+            untimed = self._last is None and self.decoder.counters.get("no time")
+            return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
         if self._backward_count >= STEADY:
             return "receiver: its time runs backward"
         if self._leap_count >= STEADY:

@@ -305,6 +305,11 @@ def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
         status.run(argparse.Namespace(address=str(tmp_path / "sock"), json=False, prometheus=False))
 
 
+def test_one_is_counted_in_the_singular():
+    counted = status._counted({"frames": 1, "lost": 1, "errors": 2}, ("frames", "lost", "errors"))
+    assert counted == "1 frame, 1 lost, 2 errors"
+
+
 def test_reasons_of_refused_fixes_are_not_taken_for_settings():
     """`gnss.age` is none: a fix whose age is not known is refused by no setting."""
     counted = status._counted({"used": 7, "refused": {"unknown age": 1, "max_hdop": 2}}, ("used",))

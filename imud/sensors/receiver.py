@@ -257,7 +257,7 @@ class Receiver:
 
     def out_of_limits(self, now_ns: int) -> tuple[str, ...]:
         """Which quantities are beyond their limits, or those of the settings."""
-        age_s = (now_ns - self._last.arrival_ns) * 1e-9 if self._last else None
+        age_s = _age_s(self._last, now_ns) if self._last else None
         stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
@@ -272,11 +272,16 @@ class Receiver:
             quality=fix.quality,
             alt_msl=math.nan if fix.alt_msl_m is None else fix.alt_msl_m,
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
-            age_s=(now_ns - fix.arrival_ns) * 1e-9,
+            age_s=_age_s(fix, now_ns),
             sky=self.decoder.sky,
             fix=b"" if self._row is None else self._row.tobytes(),
             reported=self._last_used_fix,
         )
+
+
+def _age_s(fix: Fix, now_ns: int) -> float:
+    """Since it arrived; 0 for one that has come since `now_ns` was read."""
+    return max(0, now_ns - fix.arrival_ns) * 1e-9
 
 
 def jumps(before: Fix, after: Fix) -> bool:

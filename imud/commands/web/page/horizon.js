@@ -103,5 +103,5 @@ export function drawCompass(canvas, yaw, sigma, isHeading) {
 
 export function unknown(c) {
   c.fillStyle = colour("soft");
-  c.fillText("not known yet", 0, 0);
+  c.fillText("not known", 0, 0);
 }

@@ -289,6 +289,8 @@ def _port(port: Table) -> Iterator[tuple[str, str]]:
 
 
 _FIX = (
+    ("lat_deg", "lat {:.6f}°", "position"),
+    ("lon_deg", "lon {:.6f}°", "position"),
     ("quality", "quality {}", "gnss_quality"),
     ("satellites", "{} satellites", "satellites"),
     ("hdop", "HDOP {:g}", "hdop"),

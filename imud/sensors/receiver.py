@@ -196,6 +196,8 @@ class Receiver:
             "used": self.used,
             "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
             "sentences": dict(self.decoder.counters),
+            "lat_deg": self._last.lat_deg if self._last else None,
+            "lon_deg": self._last.lon_deg if self._last else None,
             "quality": said.quality,
             "satellites": said.satellites,
             "hdop": last.hdop if last else None,

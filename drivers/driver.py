@@ -82,8 +82,6 @@ class ImuConfigured:
     gyro_axes: tuple[bool, bool, bool] = (True, True, True)  # which exist; `w` of the others is 0 and means nothing
     gyro_range: float = math.inf  # rad/s, where readings end; infinite: not known
     accel_range: float = math.inf  # m/s^2
-    gyro_count: float = math.inf  # rad/s, step of its readings; infinite: not known
-    accel_count: float = math.inf  # m/s^2
     request: Request | None = None  # None: it sends by itself
     layout: str = ""  # what `new_state` needs besides, as the driver wrote it
     has_quartz: bool = False  # its rate is that of a quartz, so it is near the nominal one

@@ -22,7 +22,7 @@ from .iio_chips import ACCEL, GYRO, STAMP, TEMPERATURE, Chip, Part
 from .noise import ImuErrors, Signal
 
 LOOK_S = 0.02
-BLOCK = 8  # scans computed at a time, at most
+BLOCK = 64  # scans computed at a time, at most: with few, an emulator that is behind would stay behind
 PHASE = 0.3  # of a period, by which a second part samples later
 TEMPERATURE_SCALE = 100.0  # 1/1000 degC per count
 AXES = "xyz"

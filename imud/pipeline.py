@@ -130,8 +130,7 @@ class Filter:
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
         profile = dataclasses.replace(self._profile, **(ranges | self._given_ranges))
-        counts = sensor.gyro_count, sensor.accel_count
-        self.health[:] = new_health(profile, sensor.rate_hz, True, sensor.gyro_axes, counts)
+        self.health[:] = new_health(profile, sensor.rate_hz, is_device=True, gyro_axes=sensor.gyro_axes)
 
     def configure(self, settings: Settings) -> None:
         """Take other settings; the state stays."""

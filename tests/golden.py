@@ -15,12 +15,17 @@ import functools
 import sys
 from pathlib import Path
 
-import golden_attitude
-import golden_attitude_faults
-import golden_navigation
-import golden_others
+import golden_aiding  # noqa: F401  each of these lists its recordings
+import golden_attitude  # noqa: F401
+import golden_attitude_faults  # noqa: F401
+import golden_external  # noqa: F401
+import golden_gnss  # noqa: F401
+import golden_motion  # noqa: F401
+import golden_others  # noqa: F401
+import golden_samples  # noqa: F401
+import golden_starts  # noqa: F401
 import numpy as np
-from golden_run import Recording, trace
+from golden_run import GOLDENS, Recording, trace
 from simulated import motion, received, sensed
 
 from imud.configuration.settings import Initial
@@ -42,20 +47,8 @@ def usual(name):
     return Recording(name, samples, received(m, rng), initial=INITIAL.get(name, Initial()), rows=20)
 
 
-def classes():
-    """Name to what makes the recording."""
-    made = {name: functools.partial(usual, name) for name in NAMES}
-    for stem, functions in (
-        ("navigation", golden_navigation.CLASSES),
-        ("attitude", (*golden_attitude.CLASSES, *golden_attitude_faults.CLASSES)),
-        ("", golden_others.CLASSES),
-    ):
-        for function in functions:
-            made[f"{stem}-{function.__name__}".strip("-").replace("_", "-")] = function
-    return made
-
-
-CLASSES = classes()
+# name: what makes the recording
+CLASSES = {name: functools.partial(usual, name) for name in NAMES} | GOLDENS
 
 
 @functools.cache

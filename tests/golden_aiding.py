@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from golden_data import RATE, data, navigated, random, road, turned
 from golden_external import external
+from golden_run import golden
 from vehicle_simulation import vehicle
 
 from imud.configuration.settings import Aiding, Navigation, Noise, Settings
@@ -30,6 +31,7 @@ def headings(d, seed, every_s=0.2, late_s=0.05, spread_s=0.0):
     return rows
 
 
+@golden("navigation")
 def compass():
     """From the start, at rest; a jump of 30 deg for 2 s, then single headings of unknown sigma ever farther off."""
     d = road(80.0, rest=30.0)
@@ -39,6 +41,7 @@ def compass():
     return replace(navigated(*data(d, seed=46)), measurements=rows)
 
 
+@golden("navigation")
 def compass_in_wrong_units():
     """Radians taken for degrees, from the start on; after a minute they are degrees."""
     d = road(140.0, rest=15.0)
@@ -49,6 +52,7 @@ def compass_in_wrong_units():
     return replace(navigated(*data(d, seed=56)), measurements=rows)
 
 
+@golden("navigation")
 def compass_mounted_wrong():
     """By 10 deg: what it has done to the estimate is removed."""
     d = road(80.0, rest=15.0)
@@ -57,15 +61,17 @@ def compass_mounted_wrong():
     return replace(navigated(*data(d, seed=58)), measurements=rows)
 
 
+@golden("navigation")
 def compass_mounted_wrong_though_known():
     """By 10 deg, beside a boresight that is stated to be exact: what it has done to the estimate is removed."""
     d = road(80.0, rest=15.0)
     rows = headings(d, seed=57)
     rows["value"][:, 0] += np.radians(10.0)
-    tuning = {"heading_boresight_sigma": 1e-3}
-    return replace(navigated(*data(d, seed=58), tuning=tuning), measurements=rows)
+    exact = Aiding(heading_boresight_sigma_deg=0.0)
+    return replace(navigated(*data(d, seed=58), aiding=exact), measurements=rows)
 
 
+@golden("navigation")
 def compass_in_wrong_units_on_the_spot():
     """Radians taken for degrees: the headings do not turn with the vehicle."""
     d = turned(road(90.0, rest=1e3), 2.0 * np.sin(0.3 * np.maximum(np.arange(90 * RATE) / RATE - 20.0, 0.0)))
@@ -74,6 +80,7 @@ def compass_in_wrong_units_on_the_spot():
     return replace(navigated(*data(d, seed=102)), measurements=rows)
 
 
+@golden("navigation")
 def compass_turned_round_on_a_boat():
     """By 180 deg: the alignment contradicts it before motion has confirmed it."""
     d = vehicle("boat", 11)
@@ -82,6 +89,7 @@ def compass_turned_round_on_a_boat():
     return replace(navigated(*data(d, seed=104)), measurements=rows)
 
 
+@golden("navigation")
 def compass_turned_at_rest():
     """For good, before any motion: the heading that it gave is given up."""
     d = road(50.0, rest=40.0)
@@ -90,11 +98,13 @@ def compass_turned_at_rest():
     return replace(navigated(*data(d, seed=60)), measurements=rows)
 
 
+@golden("navigation")
 def compass_in_any_order():
     d = road(60.0)
     return replace(navigated(*data(d, seed=47)), measurements=headings(d, seed=52, spread_s=1.5))
 
 
+@golden("navigation")
 def compass_too_late():
     """Some come after the horizon; others are so many that the oldest are forgotten within it."""
     d = road(40.0)
@@ -105,6 +115,7 @@ def compass_too_late():
     return replace(navigated(*data(d, seed=48)), measurements=rows)
 
 
+@golden("navigation")
 def compass_behind_many_fixes():
     """A measurement comes when the alignment's sums of its time are kept no longer."""
     d = road(40.0)
@@ -125,6 +136,7 @@ def readings(d, seed, every_s=0.1, late_s=0.05, spread_s=0.0, arm=(0.0, 0.0, 0.0
     return rows
 
 
+@golden("navigation")
 def odometer():
     """A wheel off the middle; it slips, and in an outage the sensor is shaken."""
     arm = (-1.0, 0.7, 0.0)
@@ -140,6 +152,7 @@ def odometer():
     return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def odometer_without_sign():
     """It reverses, and tells no sign; the readings come late and in any order."""
     d = road(90.0, swing=1.6)
@@ -148,6 +161,7 @@ def odometer_without_sign():
     return replace(navigated(*data(d, seed=64)), measurements=rows)
 
 
+@golden("navigation")
 def odometer_late():
     """Of 0.7 s from the middle on, without a time of its own; the receiver is lost, and comes back."""
     d = road(120.0, swing=1.3)
@@ -160,6 +174,7 @@ def odometer_late():
     return replace(navigated(samples, fixes[~gone]), measurements=rows)
 
 
+@golden("navigation")
 def odometer_faulty():
     """It stands still for a while, then reads 3 m/s too much, and so it does without a receiver."""
     d = road(130.0, swing=1.3)
@@ -174,6 +189,7 @@ def odometer_faulty():
     return replace(navigated(samples, fixes[~gone]), measurements=rows)
 
 
+@golden("navigation")
 def odometer_against_a_drift():
     """The receiver drifts, and says so in its velocity, too; then it is where it was."""
     d = road(150.0)
@@ -185,6 +201,7 @@ def odometer_against_a_drift():
     return replace(navigated(samples, fixes), measurements=readings(d, seed=66))
 
 
+@golden("navigation")
 def odometer_against_a_drift_across():
     """On a straight road, at walking pace, the receiver drifts across it, and says so in its velocity, too."""
     d = road(150.0, speed=2.0, swing=0.2, straight_s=75.0)
@@ -198,6 +215,7 @@ def odometer_against_a_drift_across():
     return replace(navigated(samples, fixes), measurements=readings(d, seed=68))
 
 
+@golden("navigation")
 def two_wheels():
     """An axle whose left wheel is 0.4 % larger; each wheel slips in turn, then the track is another one."""
     d = road(110.0, swing=1.3)
@@ -214,6 +232,7 @@ def two_wheels():
     return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def speed_through_water():
     """A ship's log in a current, while the receiver is lost; one reading in ten is far off."""
     d = road(100.0)
@@ -226,6 +245,7 @@ def speed_through_water():
     return replace(navigated(samples, fixes[~gone]), measurements=rows)
 
 
+@golden("navigation")
 def barometer():
     """A door is opened and closed, then a window stays open; every other reading tells its sigma."""
     d, rng = road(120.0), random(67)
@@ -240,6 +260,7 @@ def barometer():
     return replace(navigated(*data(d, seed=68)), measurements=rows)
 
 
+@golden("navigation")
 def barometer_of_another_height():
     """Its readings climb by 1.5 m/s on a level road, as they would of another scale on a hill."""
     golden = barometer()
@@ -263,6 +284,7 @@ def fields(d, seed, every_s=0.1, iron=(0.8e-6, -0.6e-6, 0.5e-6)):
     return rows
 
 
+@golden("navigation")
 def magnetometer():
     """It gives the heading at rest, and holds it without fixes; motors, steel and a bridge disturb it."""
     d = road(240.0, rest=15.0)
@@ -281,6 +303,7 @@ def magnetometer():
     return replace(navigated(samples, fixes[fixes["t_ns"] < 150e9]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def magnetometer_contradicted():
     """The field turns while the heading is known: it is not used until it has agreed for a while."""
     d = road(200.0, rest=15.0)
@@ -300,6 +323,7 @@ def magnetometer_contradicted():
     return replace(navigated(samples, fixes[fixes["t_ns"] < 160e9]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def magnetometer_turned_from_the_start():
     """It starts with a field that is turned by 50 deg; the fixes contradict it, and the rates are lost for a while.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, after, car_that_stops, measure, simulate, steady
-from golden_run import Recording
+from golden_run import Recording, golden
 from simulated import samples_of
 
 from imud.configuration.settings import Imu, Initial, Settings
@@ -44,14 +44,17 @@ def counted(samples):
     return samples
 
 
+@golden("attitude")
 def hand():
     return judged(shown(lively()), HEADED)
 
 
+@golden("attitude")
 def start_in_motion():
     return judged(shown(lively(still=-1.0, rpy_deg=(30.0, -20.0, 0.0))))
 
 
+@golden("attitude")
 def start_in_a_steady_turn():
     """On a roundabout: 2.5 m/s, 0.8 rad/s."""
 
@@ -62,6 +65,7 @@ def start_in_a_steady_turn():
     return judged(shown(truth))
 
 
+@golden("attitude")
 def start_with_strong_forces():
     """The first forces are far from gravity."""
     truth = lively(30.0, still=-1.0)
@@ -70,6 +74,7 @@ def start_with_strong_forces():
     return judged(samples)
 
 
+@golden("attitude")
 def start_far_from_gravity():
     """At first too heavy to show the vertical, then so light that it just may."""
     samples = shown(lively(40.0, still=-1.0))
@@ -78,16 +83,19 @@ def start_far_from_gravity():
     return judged(samples)
 
 
+@golden("attitude")
 def all_initial_values():
     given = Initial(roll_deg=10.0, pitch_deg=5.0, yaw_deg=20.0, lat_deg=48.0, height_m=500.0, lon_deg=11.0)
     return judged(shown(lively()), given)
 
 
+@golden("attitude")
 def rest():
     """Long, a little tilted, from the start."""
     return judged(shown(simulate(240.0, 100.0, rpy_deg=(3.0, -2.0, 0.0))), HEADED)
 
 
+@golden("attitude")
 def rest_with_a_step_of_the_bias():
     truth = simulate(200.0, 100.0)
     samples = shown(truth)
@@ -111,6 +119,7 @@ def graded(duration, rate_hz, begin, kinds):
     return added
 
 
+@golden("attitude")
 def disturbed_rest():
     """By rates and forces about as large as a rest may have."""
     short, ramp = lambda t: (t < 0.05).astype(float), lambda t: np.minimum(t / 2.0, 1.0)
@@ -126,6 +135,7 @@ def disturbed_rest():
     return judged(samples, HEADED)
 
 
+@golden("attitude")
 def disturbed_rest_of_a_consumer_sensor():
     """By single rates, about as large as a rest may have."""
     single = lambda t: (np.arange(len(t)) % 100 == 50).astype(float)  # noqa: E731
@@ -134,6 +144,7 @@ def disturbed_rest_of_a_consumer_sensor():
     return judged(samples, profile="consumer-mems")
 
 
+@golden("attitude")
 def fast_turntable():
     """About as fast as a bias may be."""
     edges = ((0.0, 1.8), (20.0, 0.0), (40.0, 2.15), (60.0, 0.0), (80.0, -2.4))
@@ -141,52 +152,62 @@ def fast_turntable():
     return judged(shown(simulate(110.0, 100.0, lambda t: sum(course(t) for course in courses))))
 
 
+@golden("attitude")
 def turntable_that_tilts():
     """It turns at the start, which looks like a bias; when it stops it leans otherwise, as a vehicle in a curve."""
     turning, tilting = steady((0.0, 0.0, 1.0 * DEG), -1.0, 30.0), steady((1.0 * DEG, 0.0, 0.0), 30.0, 33.0)
     return judged(shown(simulate(130.0, 100.0, lambda t: turning(t) + tilting(t))))
 
 
+@golden("attitude")
 def accelerometer_scale_error():
     """More than a good board's error explains, by a little."""
     flaws = Flaws(accel_bias=(0.0, 0.0, -26.0 * MG), gyro_bias=(0.5 * DEG,) * 3)
     return judged(shown(lively(40.0), flaws), profile="auto")
 
 
+@golden("attitude")
 def coarse_counts():
     """Coarser than is looked at for how readings were cut off."""
     return cut_off(np.trunc, (0.3, -0.2, -0.4), count=0.22 * DEG)
 
 
+@golden("attitude")
 def fine_counts():
     """In which the noise hides each single one."""
     return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=60.0, count=0.0105 * DEG)
 
 
+@golden("attitude")
 def counts_hidden_by_noise():
     """The noise nearly hides each single one: it takes long to learn from it."""
     return cut_off(np.trunc, (0.03, -0.02, 0.04), still=1e3, duration=130.0, count=0.0145 * DEG)
 
 
+@golden("attitude")
 def counts_with_an_offset():
     """A bias that was taken out left them a little beside whole numbers, by as much as they just may be."""
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 8.11 * COUNT / DEG, still=60.0)
 
 
+@golden("attitude")
 def heading_of_a_long_drive():
     """Until it is not trusted any more."""
     return judged(shown(lively(150.0, 50.0, turning=1.5), seed=4), HEADED, profile="consumer-mems")
 
 
+@golden("attitude")
 def turntable():
     """Slow and even, and then not at all: no bias."""
     return judged(shown(simulate(110.0, 100.0, steady((0.0, 0.0, 1.0 * DEG), 15.0, 85.0))), HEADED)
 
 
+@golden("attitude")
 def start_on_a_turntable():
     return judged(shown(simulate(70.0, 100.0, steady((0.0, 0.0, 1.0 * DEG), -1.0, 40.0))))
 
 
+@golden("attitude")
 def even_curve():
     """Longer than curves are, so that what it shows then counts as rest."""
     turn = 0.5 * DEG
@@ -198,6 +219,7 @@ def even_curve():
     return judged(shown(simulate(180.0, 100.0, steady((0.0, 0.0, turn), -1.0, 100.0), centripetal)))
 
 
+@golden("attitude")
 def car():
     """Speeds up, cruises on a road that shakes it, brakes, stands with its engine running; again and again."""
     truth, phase = car_that_stops(150.0)
@@ -208,23 +230,27 @@ def car():
     return judged(samples)
 
 
+@golden("attitude")
 def car_on_a_smooth_road():
     """The same without a road that shakes it: cruising is as quiet as standing."""
     speed_up, brake = steady((2.5, 0.0, 0.0), 10.0, 25.0), steady((-3.0, 0.0, 0.0), 90.0, 102.5)
     return judged(shown(simulate(130.0, 50.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="auto")
 
 
+@golden("attitude")
 def fast_car():
     speed_up, brake = steady((5.0, 0.0, 0.0), 10.0, 19.0), steady((-5.0, 0.0, 0.0), 30.0, 39.0)
     return judged(shown(simulate(50.0, 100.0, acceleration=lambda t: speed_up(t) + brake(t))), profile="consumer-mems")
 
 
+@golden("attitude")
 def unknown_sensor_model():
     """A sensor that nobody named, whose weight is false by more than a good board's."""
     flaws = Flaws(accel_bias=(10.0 * MG, -20.0 * MG, -70.0 * MG), gyro_bias=(1.0 * DEG,) * 3)
     return judged(shown(lively(), flaws), profile="auto")
 
 
+@golden("attitude")
 def tapping():
     """Knocks, and a spell of vibration that samples show as up and down."""
     truth = lively(50.0, 200.0)
@@ -235,6 +261,7 @@ def tapping():
     return judged(samples)
 
 
+@golden("attitude")
 def scale_factors_and_misalignments():
     """Scale factors and misalignments that motion shows."""
     matrix = np.array([[0.008, 0.003, -0.004], [0.002, -0.01, 0.003], [-0.003, 0.004, 0.006]])
@@ -250,15 +277,18 @@ def cut_off(cast, bias_degps, taken_out_degps=0.0, still=8.0, duration=100.0, co
     return judged(samples)
 
 
+@golden("attitude")
 def rates_truncated():
     return cut_off(np.trunc, (0.3, -0.2, -0.4))
 
 
+@golden("attitude")
 def rates_truncated_about_zero():
     """After a long rest, whose noise tells it."""
     return cut_off(np.trunc, (0.08, -0.05, -0.4), 0.47, still=60.0)
 
 
+@golden("attitude")
 def long_rest_of_counts():
     """Longer than its noise is looked at; for a while a low-pass makes the noise of neighbours alike."""
     recording = cut_off(np.trunc, (0.03, -0.1, 0.2), still=1e3, duration=110.0)
@@ -270,40 +300,6 @@ def long_rest_of_counts():
     return recording
 
 
+@golden("attitude")
 def rates_rounded():
     return cut_off(np.round, (0.08, -0.05, -0.4), 0.47, still=60.0)
-
-
-CLASSES = (
-    disturbed_rest_of_a_consumer_sensor,
-    counts_hidden_by_noise,
-    hand,
-    start_in_motion,
-    start_in_a_steady_turn,
-    start_with_strong_forces,
-    start_far_from_gravity,
-    all_initial_values,
-    disturbed_rest,
-    fast_turntable,
-    turntable_that_tilts,
-    accelerometer_scale_error,
-    coarse_counts,
-    fine_counts,
-    counts_with_an_offset,
-    heading_of_a_long_drive,
-    rest,
-    rest_with_a_step_of_the_bias,
-    turntable,
-    start_on_a_turntable,
-    even_curve,
-    car,
-    car_on_a_smooth_road,
-    fast_car,
-    unknown_sensor_model,
-    tapping,
-    scale_factors_and_misalignments,
-    rates_truncated,
-    rates_truncated_about_zero,
-    long_rest_of_counts,
-    rates_rounded,
-)

@@ -3,6 +3,7 @@
 import numpy as np
 from attitude_simulation import DEG, MG, G, after, simulate
 from golden_attitude import BIASES, HEADED, counted, judged, lively, shown, wobble
+from golden_run import golden
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial
@@ -19,10 +20,12 @@ def spoilt(begin, end, faults, truth=None, estimator="attitude", initial=HEADED)
     return judged(samples, initial, estimator=estimator)
 
 
+@golden("attitude")
 def wrong_initial_attitude():
     return judged(shown(lively()), Initial(roll_deg=-50.0, pitch_deg=40.0, yaw_deg=20.0))
 
 
+@golden("attitude")
 def short_gaps():
     """Of two samples each, about the shortest that count as one."""
     samples = shown(lively(40.0))
@@ -31,6 +34,7 @@ def short_gaps():
     return judged(samples[keep], HEADED)
 
 
+@golden("attitude")
 def power_on():
     """Of another sensor, with other biases, at rest and in motion."""
     truth = lively(60.0)
@@ -42,6 +46,7 @@ def power_on():
     return judged(samples[(truth.t < 5.5) | (truth.t > 6.0 - 1e-6)], HEADED)
 
 
+@golden("attitude")
 def gaps_of_about_a_second():
     """A little longer than the attitude is carried on for; the same of damage."""
     truth = lively(60.0)
@@ -50,6 +55,7 @@ def gaps_of_about_a_second():
     return judged(samples[(truth.t < 25.0) | (truth.t > 26.1)], HEADED)
 
 
+@golden("attitude")
 def clipping():
     """Beyond the range of the gyro, then of the accelerometer."""
     truth = lively(50.0, 200.0)
@@ -61,26 +67,32 @@ def clipping():
     return judged(samples, HEADED)
 
 
+@golden("attitude")
 def lost_accelerometer():
     return spoilt(20.0, 30.0, [("f", slice(None), 0.0)])
 
 
+@golden("attitude")
 def one_frozen_axis_of_the_accelerometer():
     return spoilt(20.0, 26.0, [("f", 1, None)])
 
 
+@golden("attitude")
 def lost_gyro():
     return spoilt(20.0, 25.0, [("w", slice(None), None)])
 
 
+@golden("attitude")
 def lost_gyro_for_a_moment():
     return spoilt(20.0, 20.5, [("w", 1, np.nan)])
 
 
+@golden("attitude")
 def no_accelerometer_at_the_start():
     return spoilt(-1.0, 8.0, [("f", slice(None), 0.0)])
 
 
+@golden("attitude")
 def gaps():
     truth = lively(60.0)
     keep = np.ones(len(truth.t), bool)
@@ -89,12 +101,14 @@ def gaps():
     return judged(shown(truth)[keep], HEADED)
 
 
+@golden("attitude")
 def gap_in_strong_motion():
     """It leaves the tilt unknown."""
     truth = simulate(60.0, 100.0, wobble(8, 2.0), wobble(58, 2.0, 1.0, 4.0))
     return judged(shown(truth)[(truth.t < 30.0) | (truth.t > 30.9)])
 
 
+@golden("attitude")
 def damaged_samples():
     samples = shown(lively(40.0))
     for first in range(1200, 3600, 200):
@@ -116,40 +130,23 @@ def slipped(angle_deg, truth, flaws=BIASES, profile="m-g350", initial=HEADED):
     return judged(samples, initial, profile)
 
 
+@golden("attitude")
 def mounting_slip_of_90_degrees():
     return slipped(90.0, lively(70.0))
 
 
+@golden("attitude")
 def wrong_tilt_in_motion():
     truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
     return slipped(12.0, truth)
 
 
+@golden("attitude")
 def mounting_slip_in_a_hand():
     """Of a body that has proved to be no vehicle."""
     return slipped(15.0, lively(40.0))
 
 
+@golden("attitude")
 def wrong_tilt_at_rest():
     return slipped(5.0, simulate(80.0, 50.0))
-
-
-CLASSES = (
-    mounting_slip_in_a_hand,
-    short_gaps,
-    power_on,
-    gaps_of_about_a_second,
-    wrong_initial_attitude,
-    clipping,
-    lost_accelerometer,
-    one_frozen_axis_of_the_accelerometer,
-    lost_gyro,
-    lost_gyro_for_a_moment,
-    no_accelerometer_at_the_start,
-    gaps,
-    gap_in_strong_motion,
-    damaged_samples,
-    mounting_slip_of_90_degrees,
-    wrong_tilt_in_motion,
-    wrong_tilt_at_rest,
-)

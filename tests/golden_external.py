@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from golden_data import RATE, data, navigated, random, road
+from golden_run import golden
 
 from imud.configuration.settings import Aiding, Initial, Settings
 from imud.estimators.records import BODY_VELOCITY_SOURCE, MEASUREMENT, POSE_SOURCE, VELOCITY_SOURCE
@@ -33,6 +34,7 @@ def poses(d, seed, arm):
     return rows
 
 
+@golden("navigation")
 def pose():
     """Beside a receiver, which is lost; the poses jump for some seconds, then singly ever farther, then stand still."""
     d, arm = road(120.0), (0.5, 0.2, -1.0)
@@ -49,6 +51,7 @@ def pose():
     return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def pose_alone():
     """There is no receiver; at first longitude and yaw are not known."""
     d, arm = road(60.0), (0.5, 0.2, -1.0)
@@ -60,6 +63,7 @@ def pose_alone():
     return replace(navigated(samples, fixes[:0]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def pose_jump_that_stays():
     """There is no receiver; the poses jump by 3 m for good, are rejected, and return when the estimate is less sure."""
     d = road(100.0)
@@ -69,6 +73,7 @@ def pose_jump_that_stays():
     return replace(navigated(samples, fixes[:0]), measurements=rows)
 
 
+@golden("navigation")
 def pose_without_yaw():
     """There is no receiver; the heading is given, and the poses have none."""
     d = road(60.0)
@@ -96,11 +101,13 @@ def external_velocities(kind, seed):
     return replace(navigated(samples, fixes[~gone]), settings=settings, measurements=rows)
 
 
+@golden("navigation")
 def external_velocity():
     """In north, east and down."""
     return external_velocities(VELOCITY_SOURCE, 75)
 
 
+@golden("navigation")
 def body_velocity():
     """In body axes."""
     return external_velocities(BODY_VELOCITY_SOURCE, 77)

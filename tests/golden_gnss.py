@@ -2,25 +2,30 @@
 
 import numpy as np
 from golden_data import HEADED, between, data, moved, navigated, random, road, seconds, silent
+from golden_run import golden
 from navigation_simulation import at_antenna, received, sensed
 
 
+@golden("navigation")
 def no_velocity():
     samples, fixes = data(seed=2)
     return navigated(samples, silent(fixes))
 
 
+@golden("navigation")
 def jump():
     """100 m that stay, against the velocity that the receiver measures."""
     samples, fixes = data()
     return navigated(samples, moved(fixes, 90.0, 1e9, 100.0))
 
 
+@golden("navigation")
 def short_jump():
     samples, fixes = data(seed=3)
     return navigated(samples, moved(fixes, 90.0, 96.0, 300.0))
 
 
+@golden("navigation")
 def jump_without_velocity():
     """After an outage, which leaves nothing to vouch for the velocity."""
     samples, fixes = data(seed=4)
@@ -28,6 +33,7 @@ def jump_without_velocity():
     return navigated(samples, fixes[~between(fixes, 80.0, 95.0)], HEADED)
 
 
+@golden("navigation")
 def stamps_that_step():
     """They fall back by a second, and later by a tenth."""
     samples, fixes = data(seed=9)
@@ -36,40 +42,47 @@ def stamps_that_step():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def jump_of_height():
     samples, fixes = data(seed=5)
     fixes["height"][between(fixes, 90.0, 1e9)] += 60.0
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def no_height():
     samples, fixes = data(seed=6)
     fixes["height"][~between(fixes, 60.0, 65.0)] = np.nan
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def slow_drift():
     """Of the positions alone, at 1 m/s, which is found by what it does to the innovations."""
     samples, fixes = data(seed=1)
     return navigated(samples, silent(moved(fixes, 90.0, 125.0, 0.0, per_second=1.0)))
 
 
+@golden("navigation")
 def slow_drift_against_velocity():
     samples, fixes = data(seed=7)
     return navigated(samples, moved(fixes, 80.0, 115.0, 0.0, per_second=2.0), HEADED)
 
 
+@golden("navigation")
 def slow_drift_against_velocity_that_lasts():
     """For longer than positions drift, so that the velocity is taken for the false one."""
     samples, fixes = data(road(260.0), seed=7)
     return navigated(samples, moved(fixes, 80.0, 1e9, 0.0, per_second=1.0), HEADED)
 
 
+@golden("navigation")
 def slow_drift_parked():
     samples, fixes = data(road(rest=1e3), seed=8)
     return navigated(samples, silent(moved(fixes, 70.0, 110.0, 0.0, per_second=1.0)), HEADED)
 
 
+@golden("navigation")
 def drift_that_stays():
     """The drift ends, and the positions stay where it has brought them."""
     samples, fixes = data(road(rest=1e3), seed=9)
@@ -77,6 +90,7 @@ def drift_that_stays():
     return navigated(samples, silent(fixes), HEADED)
 
 
+@golden("navigation")
 def alternating_receiver():
     """Every fourth position is elsewhere, then every third, every second; then for two seconds in a row, and seldom."""
     samples, fixes = data(road(320.0), seed=76)
@@ -86,6 +100,7 @@ def alternating_receiver():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def frozen_receiver():
     samples, fixes = data(seed=10)
     frozen = np.flatnonzero(between(fixes, 90.0, 115.0))
@@ -94,6 +109,7 @@ def frozen_receiver():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def frozen_slow_receiver():
     """Five fixes a second that stand still, of a vehicle about as slow as it may be for that to show."""
     d = road(100.0, speed=2.6, swing=0.5)
@@ -104,12 +120,14 @@ def frozen_slow_receiver():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def two_jumps_without_velocity():
     samples, fixes = data(seed=63)
     fixes = silent(moved(moved(fixes, 80.0, 1e9, 300.0), 91.0, 1e9, 400.0))
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def graded_jumps():
     """Each for three seconds, ever farther."""
     samples, fixes = data(road(200.0), seed=64)
@@ -118,6 +136,7 @@ def graded_jumps():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def graded_drifts():
     """Of a parked vehicle's positions, ever faster, each until it is far enough; and back."""
     samples, fixes = data(road(320.0, rest=1e3), seed=65)
@@ -126,6 +145,7 @@ def graded_drifts():
     return navigated(samples, silent(fixes), HEADED)
 
 
+@golden("navigation")
 def graded_drifts_under_way():
     """The same of a car; each stays for a while where it has come to."""
     samples, fixes = data(road(330.0), seed=66)
@@ -136,6 +156,7 @@ def graded_drifts_under_way():
     return navigated(samples, silent(fixes), HEADED)
 
 
+@golden("navigation")
 def survey_of_a_decimetre():
     """Whose fixes are just too uncertain for it to be one."""
     d, rng = road(80.0), random(67)
@@ -145,12 +166,14 @@ def survey_of_a_decimetre():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def outage_before_heading():
     """After two fixes under way; what was matched until then is too old as they come back."""
     samples, fixes = data(road(100.0, rest=0.0, fast_start=True), seed=68)
     return navigated(samples, fixes[~between(fixes, 7.5, 29.5)])
 
 
+@golden("navigation")
 def old_fixes():
     """About as old as may be used; none comes meanwhile."""
     samples, fixes = data(seed=69)
@@ -160,6 +183,7 @@ def old_fixes():
     return navigated(samples, fixes[~between(fixes, 81.0, 92.0) & ~between(fixes, 111.0, 115.0)], HEADED)
 
 
+@golden("navigation")
 def drift_that_returns():
     """Slowly, of a parked vehicle's positions."""
     samples, fixes = data(road(200.0, rest=1e3), seed=82)
@@ -167,28 +191,33 @@ def drift_that_returns():
     return navigated(samples, silent(fixes), HEADED)
 
 
+@golden("navigation")
 def long_drift():
     """For longer than fixes are refused."""
     samples, fixes = data(road(200.0, rest=1e3), seed=83)
     return navigated(samples, silent(moved(fixes, 60.0, 1e9, 0.0, per_second=1.0)), HEADED)
 
 
+@golden("navigation")
 def overconfident_receiver():
     """Its positions wander farther than it says, for minutes, and drift at last."""
     samples, fixes = data(road(330.0, rest=1e3), seed=84, sigma=5.0, tau=30.0)
     return navigated(samples, silent(moved(fixes, 280.0, 1e9, 0.0, per_second=1.5)), HEADED)
 
 
+@golden("navigation")
 def overconfident_receiver_under_way():
     samples, fixes = data(road(330.0), seed=85, sigma=4.0, tau=20.0)
     return navigated(samples, silent(moved(fixes, 270.0, 1e9, 0.0, per_second=2.0)), HEADED)
 
 
+@golden("navigation")
 def outage():
     samples, fixes = data(seed=11)
     return navigated(samples, fixes[~between(fixes, 90.0, 130.0)])
 
 
+@golden("navigation")
 def latency():
     """0.4 s instead of the 0.15 s that are assumed, and a velocity that is 0.2 s older still."""
     d = road()
@@ -197,6 +226,7 @@ def latency():
     return navigated(samples, received(d, rng, late=0.4, stamp=0.25, lag=0.2), HEADED)
 
 
+@golden("navigation")
 def late_stamps():
     """By a second from the start on: the age is found before the heading; two are missing, the velocity is rough."""
     samples, fixes = data(seed=89, stamp=1.0, speed_sigma=0.35)
@@ -205,6 +235,7 @@ def late_stamps():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def late_positions():
     """By 0.6 s from the start on, with positions alone, of an antenna beside the sensor."""
     d, rng, lever = road(110.0), random(87), (0.5, -0.4, -1.0)
@@ -215,6 +246,7 @@ def late_positions():
     return navigated(samples, fixes, lever_arm_m=lever)
 
 
+@golden("navigation")
 def late_fixes():
     """Some later than can be rewound, some out of order, some of the future, some that cannot be true."""
     samples, fixes = data(seed=13)
@@ -227,6 +259,7 @@ def late_fixes():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def rtk():
     """Centimetres whose epochs a survey's log states, ten a second, the antenna beside the sensor."""
     d, rng, lever = road(100.0), random(14), (0.5, -0.4, -1.0)
@@ -241,6 +274,7 @@ def rtk():
     return navigated(samples, silent(fixes), lever_arm_m=lever)
 
 
+@golden("navigation")
 def rtk_on_a_rough_road():
     """Blows of 0.4 m/s that the sensor does not show; each puts the next position beyond its gate."""
     d, rng = road(120.0), random(17)
@@ -252,6 +286,7 @@ def rtk_on_a_rough_road():
     return navigated(samples, silent(fixes))
 
 
+@golden("navigation")
 def rtk_comes_and_goes():
     """By its quality alone: fixed, float, single, fixed."""
     d, rng = road(120.0), random(15)
@@ -263,6 +298,7 @@ def rtk_comes_and_goes():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def ned_velocity():
     """As modern receivers measure it, with sigmas of the position, five a second."""
     d, rng = road(100.0), random(17)
@@ -273,6 +309,7 @@ def ned_velocity():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def sparse_fixes():
     """One every five seconds, without velocity or a word of their quality."""
     samples, fixes = data(seed=18, every=5.0)
@@ -280,18 +317,21 @@ def sparse_fixes():
     return navigated(samples, silent(fixes))
 
 
+@golden("navigation")
 def positions_often():
     """Without velocity, more often than the velocity changes that they show can be told from noise."""
     samples, fixes = data(seed=49, every=0.7)
     return navigated(samples, silent(fixes))
 
 
+@golden("navigation")
 def few_fixes():
     """Two; nobody asks for what rest told meanwhile, until there is more of it than is kept."""
     samples, fixes = data(road(rest=1e3), seed=50)
     return navigated(samples, fixes[[5, -5]], HEADED)
 
 
+@golden("navigation")
 def wrong_course():
     """The receiver's course is false for a while: its velocity contradicts its positions, and is not used."""
     samples, fixes = data(seed=19)
@@ -299,6 +339,7 @@ def wrong_course():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def wrong_velocity_from_the_start():
     """Constant, and not used before the heading; which of the two is wrong is decided after a minute."""
     samples, fixes = data(seed=51)

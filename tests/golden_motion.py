@@ -18,6 +18,7 @@ from golden_data import (
     stop_and_go,
     turned,
 )
+from golden_run import golden
 from navigation_simulation import Drive, curvature, drive, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 from vehicle_simulation import vehicle
@@ -25,6 +26,7 @@ from vehicle_simulation import vehicle
 from imud.configuration.settings import Initial
 
 
+@golden("navigation")
 def ferry():
     """A car that a current sets off for some time, and that is a car again after."""
     d = road(330.0)
@@ -33,6 +35,7 @@ def ferry():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def boat():
     """It keeps to its axis for a minute, then a current sets it off."""
     d = road(180.0)
@@ -41,6 +44,7 @@ def boat():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def free_craft():
     """Its nose turns about freely."""
     d = road(120.0)
@@ -48,6 +52,7 @@ def free_craft():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def mounted_on_its_side():
     """The sensor stands on its side, and is told so by nobody; it is a free vehicle by its settings at first."""
     d, rng = road(), random(37)
@@ -55,6 +60,7 @@ def mounted_on_its_side():
     return navigated(samples, received(d, rng, late=0.2))
 
 
+@golden("navigation")
 def scale_factor():
     """The gyro shows 3 % too much of a turn, and has its axes out of line."""
     d, rng = road(), random(38)
@@ -63,6 +69,7 @@ def scale_factor():
     return navigated(samples, received(d, rng, late=0.2))
 
 
+@golden("navigation")
 def flight():
     """A multicopter: idle motors, take-off, moves, hovering and an outage meanwhile."""
     rate, duration, aloft_s = 200, 100, 10.0
@@ -91,6 +98,7 @@ def flight():
     return navigated(samples, fixes[~between(fixes, 75.0, 90.0)])
 
 
+@golden("navigation")
 def vibrating_gyro_at_rest():
     """The sensor of a car that stands: the heading grows old without a turn, as all that shakes is noise."""
     samples, fixes = data(stop_and_go(), seed=61)
@@ -99,6 +107,7 @@ def vibrating_gyro_at_rest():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def stops():
     """Stop and go; then the fixes end, and with them what tells that it stands."""
     d = stop_and_go()
@@ -106,6 +115,7 @@ def stops():
     return navigated(samples, fixes[~between(fixes, 160.0, 1e9)])
 
 
+@golden("navigation")
 def parked():
     """With a heading given; the receiver's latency and its sigmas have nothing to be learned from."""
     samples, fixes = data(road(rest=1e3), seed=43)
@@ -119,6 +129,7 @@ def idling(seed, **how):
     return samples, fixes
 
 
+@golden("navigation")
 def moored():
     """A boat that rocks and goes nowhere: there is no heading to be found in what a receiver's noise shows."""
     t = np.arange(100 * RATE) / RATE
@@ -131,6 +142,7 @@ def moored():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def turned_at_rest():
     """On a turntable: slowly, and as if the gyro's bias had changed."""
     samples, fixes = idling(52)
@@ -138,6 +150,7 @@ def turned_at_rest():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def slow_change_of_force():
     """Slower than acceleration comes and goes: what the accelerometer shows at rest is no rest."""
     samples, fixes = idling(53)
@@ -160,19 +173,23 @@ def graded_rest(seed, silent_receiver):
     return navigated(samples, silent(fixes) if silent_receiver else fixes, HEADED)
 
 
+@golden("navigation")
 def disturbed_rest():
     return graded_rest(72, False)
 
 
+@golden("navigation")
 def disturbed_rest_without_velocity():
     return graded_rest(74, True)
 
 
+@golden("navigation")
 def disturbed_rest_before_heading():
     recording = graded_rest(76, True)
     return replace(recording, initial=Initial())
 
 
+@golden("navigation")
 def rest_in_an_outage():
     """Of what may move anywhere, so that its velocity drifts: what was learned of rest and of slow motion tells."""
     samples, fixes = data(stop_and_go(), seed=78)
@@ -184,14 +201,17 @@ def wrong_heading_by(degrees, seed):
     return navigated(samples, fixes, Initial(yaw_deg=math.degrees(0.7) + degrees))
 
 
+@golden("navigation")
 def heading_a_little_wrong():
     return wrong_heading_by(35.0, 79)
 
 
+@golden("navigation")
 def heading_just_wrong():
     return wrong_heading_by(24.0, 80)
 
 
+@golden("navigation")
 def boat_with_a_wrong_heading():
     """Its slow changes of speed let the filter explain much of what contradicts the heading."""
     d = vehicle("boat", 1)
@@ -199,6 +219,7 @@ def boat_with_a_wrong_heading():
     return navigated(samples, fixes, Initial(yaw_deg=float(np.degrees(d.attitude[0].as_euler("ZYX")[0])) + 180.0))
 
 
+@golden("navigation")
 def sensor_knocked():
     """It turns in its mount while nothing is measured: the heading is wrong from one sample to the next."""
     samples, fixes = data(seed=79)
@@ -208,6 +229,7 @@ def sensor_knocked():
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def step_of_the_bias_at_rest():
     """So still that it can be nothing else."""
     samples, fixes = data(road(rest=1e3), seed=54)
@@ -216,6 +238,7 @@ def step_of_the_bias_at_rest():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def step_of_the_bias_under_way():
     """Of a free craft: its heading turns away."""
     samples, fixes = data(road(speed=12.0), seed=55, every=0.5)
@@ -224,6 +247,7 @@ def step_of_the_bias_under_way():
     return navigated(samples, fixes, vehicle="free")
 
 
+@golden("navigation")
 def lift():
     """Straight up and down, with the settings of a land vehicle."""
     t = np.arange(80 * RATE) / RATE
@@ -238,6 +262,7 @@ def lift():
     return navigated(samples, fixes, HEADED, vehicle="land")
 
 
+@golden("navigation")
 def pole():
     d = drive(60.0, lat_deg=89.9999)
     samples, fixes = data(d, seed=44)
@@ -245,6 +270,7 @@ def pole():
     return navigated(samples, fixes, HEADED)
 
 
+@golden("navigation")
 def date_line():
     d = drive(80.0, lat_deg=10.0, lon_deg=179.9999)
     samples, fixes = data(d, seed=45)

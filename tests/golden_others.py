@@ -7,7 +7,7 @@ import numpy as np
 from attitude_simulation import DEG, MG, Flaws, G, simulate, steady
 from golden_attitude import HEADED, judged, lively, shown
 from golden_attitude_faults import spoilt
-from golden_run import Recording
+from golden_run import Recording, golden
 from simulated import G350, motion, received, sensed
 
 from imud.configuration.settings import Aiding, Imu, Initial, Navigation, Settings
@@ -30,16 +30,19 @@ def driven(estimator, initial=GIVEN, scenario="car"):
     return Recording(estimator, np.delete(samples, slice(4000, 4150)), fixes, G350, initial)
 
 
+@golden()
 def tilt_in_a_hand():
     return judged(shown(lively(40.0)), HEADED, estimator="tilt")
 
 
+@golden()
 def tilt_without_gyros():
     samples = shown(lively(40.0, turning=0.0))
     samples["w"] = 0.0
     return judged(samples, profile="mma7260", estimator="tilt")
 
 
+@golden()
 def tilt_with_faults():
     """Clipped, frozen, damaged and missing samples."""
     samples = spoilt(20.0, 24.0, [("w", slice(None), None)], estimator="tilt").samples
@@ -49,10 +52,12 @@ def tilt_with_faults():
     return judged(samples[(t < 36.0) | (t > 39.0)], HEADED, estimator="tilt")
 
 
+@golden()
 def gps_track_with_faults():
     return driven("gps-track")
 
 
+@golden()
 def ins9_with_faults():
     return driven("ins9")
 
@@ -64,10 +69,12 @@ def without_height(estimator, scenario="car"):
     return recording
 
 
+@golden()
 def ins9_without_height():
     return without_height("ins9")
 
 
+@golden()
 def stationary_without_height():
     """And the last ten seconds come after half an hour without samples."""
     recording = without_height("stationary", "rest")
@@ -75,6 +82,7 @@ def stationary_without_height():
     return recording
 
 
+@golden()
 def ins9_with_device_tilt():
     """As a Crossbow does: the vertical in the body, beside rates and forces. The receiver reports no height."""
     recording = driven("ins9")
@@ -92,6 +100,7 @@ def one_gyro(seconds, scenario="car"):
     return m.t, Recording("riss", samples, fixes, Settings(imu=Imu(profile="crossbow-dmu")), rows=12)
 
 
+@golden()
 def riss_with_faults():
     """Forces and rates fail, fixes are far off, of no use, old, without velocity, and then of another place."""
     t, recording = one_gyro(150.0)
@@ -114,6 +123,7 @@ def riss_with_faults():
     return replace(recording, samples=samples[kept], fixes=fixes[(at < 94.0) | (at > 104.0)])
 
 
+@golden()
 def riss_with_a_lever_arm():
     """And a receiver that gives its velocity north and east, some of it late, and no height at first."""
     _, recording = one_gyro(100.0, "figure8")
@@ -125,6 +135,7 @@ def riss_with_a_lever_arm():
     return replace(recording, settings=Settings(imu=Imu(profile="crossbow-dmu"), navigation=navigation))
 
 
+@golden()
 def riss_with_wheels():
     """From before the heading is known; without a sign, slipping, late, missing; the receiver is away for a while."""
     _, recording = one_gyro(120.0)
@@ -146,6 +157,7 @@ def riss_with_wheels():
     return replace(recording, fixes=recording.fixes[~gone], measurements=rows, settings=settings)
 
 
+@golden()
 def riss_at_rest():
     """With a heading that the user gives, shaken from the middle on."""
     t, recording = one_gyro(60.0, "rest")
@@ -154,6 +166,7 @@ def riss_at_rest():
     return replace(recording, initial=Initial(yaw_deg=57.0, lat_deg=48.0))
 
 
+@golden()
 def stationary_with_faults():
     """It is moved after all, first slowly, then by a knock. The receiver reports no height."""
     recording = driven("stationary", scenario="rest")
@@ -171,30 +184,26 @@ def damaged_at_the_start(estimator, initial=GIVEN):
     return judged(samples, initial, estimator=estimator)
 
 
+@golden()
 def stationary_damaged_at_the_start():
     return damaged_at_the_start("stationary")
 
 
+@golden()
 def ins9_damaged_at_the_start():
     return damaged_at_the_start("ins9")
 
 
+@golden()
 def suh_standard_turned_over():
     return damaged_at_the_start("suh-standard", HEADED)
 
 
+@golden()
 def suh_adaptive_turned_over():
     return damaged_at_the_start("suh-adaptive", HEADED)
 
 
+@golden()
 def suh_two_step_turned_over():
     return damaged_at_the_start("suh-two-step", HEADED)
-
-
-CLASSES = (
-    tilt_in_a_hand, tilt_without_gyros, tilt_with_faults, riss_with_faults, riss_with_a_lever_arm, riss_with_wheels,
-    riss_at_rest,
-    gps_track_with_faults, ins9_with_faults, ins9_without_height, stationary_without_height,
-    ins9_with_device_tilt, ins9_damaged_at_the_start, stationary_with_faults,
-    stationary_damaged_at_the_start, suh_standard_turned_over, suh_adaptive_turned_over, suh_two_step_turned_over,
-)  # fmt: skip

@@ -33,6 +33,19 @@ class Recording:
     rows: int = ROWS
 
 
+GOLDENS = {}  # name: the function that makes the recording; in the order of definition
+
+
+def golden(estimator=""):
+    """Decorates a function that makes a recording; the trace's name is that of the estimator, and the function's."""
+
+    def listed(make):
+        GOLDENS[f"{estimator}-{make.__name__}".strip("-").replace("_", "-")] = make
+        return make
+
+    return listed
+
+
 def run(recording, disturb=lambda samples: samples):
     """(solutions of every sample, innovations in the order in which they were made); fixes go in as they arrive.
 

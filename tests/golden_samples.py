@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from golden_data import HEADED, RATE, between, data, navigated, random, road, stop_and_go
+from golden_run import golden
 from navigation_simulation import received, sensed
 from scipy.spatial.transform import Rotation
 
@@ -17,12 +18,14 @@ LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
 G350 = Imu(profile="m-g350")
 
 
+@golden("navigation")
 def gaps():
     samples, fixes = data(seed=20)
     keep = ~between(samples, 50.0, 50.05) & ~between(samples, 60.0, 60.4) & ~between(samples, 75.0, 77.0)
     return navigated(samples[keep & ~between(samples, 95.0, 125.0)], fixes)
 
 
+@golden("navigation")
 def short_gaps():
     """About the longest that are not bridged."""
     samples, fixes = data(seed=86)
@@ -40,6 +43,7 @@ def another_sensor(samples, begin):
     samples["flags"][np.flatnonzero(after)[0]] |= POWER_ON
 
 
+@golden("navigation")
 def power_on():
     """Under way, for a moment and for longer."""
     samples, fixes = data(seed=87)
@@ -48,6 +52,7 @@ def power_on():
     return navigated(samples[~between(samples, 69.8, 70.0) & ~between(samples, 102.0, 105.0)], fixes)
 
 
+@golden("navigation")
 def power_on_moved():
     """At a stop, mounted again with a tilt that is too large for the same attitude."""
     samples, fixes = data(stop_and_go(), seed=88)
@@ -57,6 +62,7 @@ def power_on_moved():
     return navigated(samples[~between(samples, 106.0, 110.0)], fixes)
 
 
+@golden("navigation")
 def reconnected():
     """A car in a bend and at a walking pace, the sensor turned the second time: what the course shows, and what not."""
     samples, fixes = data(road(speed=6.0), seed=90, every=0.5)
@@ -68,6 +74,7 @@ def reconnected():
     return navigated(samples[~away], fixes, vehicle="land")
 
 
+@golden("navigation")
 def long_gap():
     """Longer than is bridged."""
     samples, fixes = data(seed=21)
@@ -81,6 +88,7 @@ def counted(samples):
     return samples
 
 
+@golden("navigation")
 def saturation():
     """A spin faster than the gyro's range, forces beyond the accelerometer's, and later a short one of each."""
     d, rng = road(), random(22)
@@ -105,23 +113,28 @@ def spoilt(seed, begin, end, faults):
     return navigated(samples, fixes, imu=G350)
 
 
+@golden("navigation")
 def no_rates():
     return spoilt(23, 80.0, 86.0, [("w", slice(None), None)])
 
 
+@golden("navigation")
 def no_rate_for_a_moment():
     return spoilt(24, 80.0, 80.4, [("w", 2, np.nan)])
 
 
+@golden("navigation")
 def no_forces():
     return spoilt(25, 80.0, 86.0, [("f", slice(None), 0.0)])
 
 
+@golden("navigation")
 def no_samples():
     """All that the sensor shows is false for a while."""
     return spoilt(26, 80.0, 86.0, [("w", slice(None), np.nan), ("f", slice(None), np.nan)])
 
 
+@golden("navigation")
 def damaged_samples():
     samples, fixes = data(seed=27)
     samples["w"][between(samples, 50.0, 50.2)] = np.nan

@@ -2,39 +2,46 @@
 
 import numpy as np
 from golden_data import HEADED, data, moved, navigated, random, road, seconds, silent, turned
+from golden_run import golden
 from navigation_simulation import received, sensed
 
 from imud.configuration.settings import Initial
 
 
+@golden("navigation")
 def wrong_heading():
     samples, fixes = data(seed=28)
     return navigated(samples, fixes, Initial(yaw_deg=-120.0))
 
 
+@golden("navigation")
 def wrong_initial_position():
     samples, fixes = data(seed=29)
     return navigated(samples, fixes, replace_initial(HEADED, lat_deg=47.0, lon_deg=10.0))
 
 
+@golden("navigation")
 def uncertain_initial_heading():
     """The gyro's bias is not known as it starts under way, and the fixes come late: the given heading has grown old."""
     samples, fixes = data(road(rest=0.0, fast_start=True), seed=46)
     return navigated(samples, fixes[seconds(fixes) > 7.0], Initial(yaw_deg=70.0))
 
 
+@golden("navigation")
 def jump_before_heading():
     """It is no speed, as it was not felt."""
     samples, fixes = data(road(100.0, rest=30.0), seed=47, hdop=0.2, sigma=0.3, white=0.1)
     return navigated(samples, silent(moved(fixes, 25.0, 1e9, 40.0)))
 
 
+@golden("navigation")
 def start_in_free_fall():
     samples, fixes = data(road(60.0), seed=48)
     samples["f"][:40] *= 0.01
     return navigated(samples, fixes)
 
 
+@golden("navigation")
 def all_initial_values():
     d = road(80.0, rest=0.0, fast_start=True)
     samples, fixes = data(d, seed=30)
@@ -49,6 +56,7 @@ def replace_initial(initial, **given):
     return Initial(**({name: getattr(initial, name) for name in initial.__struct_fields__} | given))
 
 
+@golden("navigation")
 def under_way():
     """With a gyro bias of several degrees per second."""
     d, rng = road(rest=0.0, fast_start=True), random(31)
@@ -56,23 +64,27 @@ def under_way():
     return navigated(samples, received(d, rng, late=0.2))
 
 
+@golden("navigation")
 def under_way_without_velocity():
     samples, fixes = data(road(200.0, rest=0.0, fast_start=True), seed=32, white=0.5)
     return navigated(samples, silent(fixes))
 
 
+@golden("navigation")
 def no_fixes():
     """Curves without a receiver: only roll and pitch are known."""
     samples, fixes = data(road(60.0), seed=33)
     return navigated(samples, fixes[:0])
 
 
+@golden("navigation")
 def reversing():
     """Turns about its axle, ahead of which the sensor stands; forwards and in reverse."""
     samples, fixes = data(road(swing=1.8, arm=1.5), seed=34)
     return navigated(samples, fixes, vehicle="land")
 
 
+@golden("navigation")
 def slipping_start():
     """A land vehicle by its settings, whose nose swings ever less about its way."""
     d = road(120.0)

@@ -51,7 +51,7 @@ def check(architecture: str, wheels: Path, root: Path, suite: str) -> bool:
         done = "installation"
         install(wheel, root, log)
         for done, script in steps.items():  # noqa: B007
-            inside(root, script, log)
+            inside(architecture, root, script, log)
     except (subprocess.CalledProcessError, OSError, ValueError) as error:
         print(f"{architecture}: {done} FAILED: {error}; see {log}", flush=True)
         return False

@@ -17,6 +17,7 @@ def means(body, runs=12):
     return np.mean([run((body, "auto", number, ())) for number in range(runs)], axis=0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("body", "most_nees", "most_wrong_s"),
     [(train_in_curve, 5.5, 20.0), (train_accelerating, 5.0, 18.0), (car_in_curve, 4.5, 14.0), (turntable, 0.8, 1.0)],
@@ -27,6 +28,7 @@ def test_even_motion_that_passes_for_rest_is_in_the_sigmas(body, most_nees, most
     assert nees < most_nees and one_deg < most_wrong_s
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("body", [standing, table])
 def test_bodies_that_do_rest_pay_little(body):
     tilt2, nees, _, five_deg, _, _ = means(body)

@@ -13,6 +13,7 @@ from imud.estimators.records import AT_REST, ATTITUDE_VALID
 from imud.sensor_errors.profiles import PROFILES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("profile", PROFILE_NAMES)
 @pytest.mark.parametrize(
     ("turning", "accelerating", "still_s"), [(0.0, 0.0, 0.0), (1.0, 1.0, 5.0), (0.3, 1.0, 0.0), (1.0, 3.0, 0.0)]

@@ -62,6 +62,7 @@ def named(verdicts):
     return {name for each in verdicts for name in each}, {n for each in verdicts for n, v in each.items() if v.is_wrong}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("profiles", PAIRS, ids="+".join)
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_sensors_as_good_as_their_data_sheets_agree(motion, profiles):

@@ -137,6 +137,7 @@ def built(quick, tmp_path_factory):
     return place
 
 
+@pytest.mark.thorough
 def test_what_was_built_is_loaded_and_not_built_again(built):
     assert seal.defect(built) is None
     before = built.read_bytes()
@@ -146,6 +147,7 @@ def test_what_was_built_is_loaded_and_not_built_again(built):
     assert set(json.loads(before.rpartition(b"\n")[2])) == {"code", "sources", "files"}
 
 
+@pytest.mark.thorough
 def test_it_has_each_kernel_for_each_level_of_processors(built):
     symbols = re.findall(rb"\0(imud_[a-z0-9_]+)(?=\0)", built.read_bytes())
     plain = {symbol for symbol in symbols if not symbol.endswith(b"_avx2")}
@@ -153,6 +155,7 @@ def test_it_has_each_kernel_for_each_level_of_processors(built):
     assert {symbol + b"_avx2" for symbol in plain if platform.machine() == "x86_64"} <= set(symbols)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other machines have one level")
 def test_the_level_is_that_of_the_processor(built):
     flags = re.search(r"^flags\s*:(.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
@@ -172,6 +175,7 @@ def building(folder):
         yield process
 
 
+@pytest.mark.thorough
 def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
     with building(tmp_path) as process:
         process.send_signal(signal.SIGTERM)
@@ -179,6 +183,7 @@ def test_a_signal_while_building_leaves_nothing_behind(built, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 def test_the_next_build_removes_what_a_killed_one_left_behind(built, tmp_path):
     with building(tmp_path) as process:
         process.kill()
@@ -226,6 +231,7 @@ def test_numba_on_request():
     assert (ended.stdout, ended.stderr) == ("None\n", "")
 
 
+@pytest.mark.thorough
 def test_where_the_package_cannot_be_written_it_is_in_the_cache(built, tmp_path):
     installed = tmp_path / "package"
     installed.mkdir()
@@ -243,6 +249,7 @@ print(rebuild.rebuild(library.candidates()).parent)
     assert ended.stdout.splitlines() == [str(tmp_path / "imud")], ended.stderr
 
 
+@pytest.mark.thorough
 def test_what_a_daemon_calls_is_all_in_the_library(built):
     """So nothing waits for numba, nor loads it."""
     code = """

@@ -131,6 +131,7 @@ def test_attitude_on_a_vehicle(scenario, grade):
     assert (mean_of(squares, RP) < 3.0).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scenario", ["car", "figure8"])
 def test_navigation_in_motion_is_consistent(scenario):
     """At 100 Hz: a mean over a period of 20 ms is 10 ms late, which in these curves turns all headings by 0.2 deg."""

@@ -235,8 +235,10 @@ def test_exit_codes(arguments, code, says, capsys):
     assert (out, says in err, "Traceback" in err) == ("", True, False), err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
+    pytest.importorskip("numba", reason="where it cannot be installed, the kernels come compiled")
     log = (tmp_path / "log").open("w")
     command = ("imud", "run", "--port", str(tmp_path / "absent"), "--listen", str(tmp_path / "gpsd.sock"))
     environment = {**os.environ, "NO_COLOR": "1", "IMUD_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

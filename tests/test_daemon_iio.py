@@ -39,6 +39,7 @@ def test_each_kind_of_device_gives_the_true_tilt(tmp_path, root, chip, rate_hz):
             imud.comes_at(rate_hz, 0.05)
 
 
+@pytest.mark.thorough
 def test_a_device_that_is_unplugged_and_scans_that_are_lost(tmp_path, root):
     with daemon(tmp_path, "--port", "iio:lsm6dso") as imud:
         imud.says("no IIO device 'lsm6dso'")
@@ -52,6 +53,7 @@ def test_a_device_that_is_unplugged_and_scans_that_are_lost(tmp_path, root):
     assert 300 <= lost < 3000, imud.log
 
 
+@pytest.mark.thorough
 def test_a_trigger_that_is_lost_and_comes_back(tmp_path, root):
     with kernel(root, "bmi160", *TILTED, "--faults", "trigger@8-13") as running:
         assert running.stdout.readline()

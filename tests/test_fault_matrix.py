@@ -54,6 +54,7 @@ def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
     assert cell(12, "odometer", "jumping").sure_s == 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [11, 12, 13])
 @pytest.mark.parametrize(
     ("where", "name", "fault"),

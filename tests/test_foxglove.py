@@ -190,6 +190,7 @@ def test_a_fix_survives_the_gpsd_socket():
     assert whole.dtype == FIX
 
 
+@pytest.mark.thorough
 def test_a_daemon_may_come_late_and_go_and_a_slow_viewer_costs_only_itself(tmp_path):
     """A daemon of the test's own: a SEQPACKET socket. One viewer never reads; the other gets every state."""
     path = tmp_path / "imud.stream"

@@ -25,6 +25,7 @@ def test_the_trace_is_the_golden_one(name):
     assert differences(read(name), traced(name)) == []
 
 
+@pytest.mark.thorough
 @every_class
 def test_it_survives_rounding(name):
     """The comparison is loose enough for the last bits of a processor."""

@@ -21,5 +21,5 @@ def test_the_golden_traces_run_nearly_all_lines(counted):
 
 
 def test_lines_that_they_do_not_run_have_a_reason(counted):
-    """New code that no recording reaches needs one in `golden_navigation` or `golden_attitude*`; or else a reason."""
+    """New code that no recording reaches needs one in a file `golden_*.py`; or else a reason."""
     assert [f"{line.path}:{line.number}: {line.text}" for line in unexplained(counted)] == []

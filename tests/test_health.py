@@ -12,7 +12,7 @@ from in_c import in_c
 from imud.drivers.jit import kernel
 from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, NO_RATE_AXES, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensor_monitor.findings import counted, words
+from imud.sensor_monitor.findings import words
 from imud.sensor_monitor.health import BLOCK, check_sample, new_health, recent_findings
 
 G = 9.80665
@@ -193,31 +193,6 @@ def test_a_device_of_counts_coarser_than_its_noise_may_repeat_samples_once_it_ha
     assert words(recent_findings(of_device(samples))) == ("inertial sensor sends the same sample again and again",)
     samples["w"][at(1.0)] += GYRO_LSB
     assert words(recent_findings(of_device(samples))) == ()
-
-
-@pytest.mark.parametrize("different", [0, 200])
-@pytest.mark.parametrize("gyro_counts", [0.5, 1.0, 1.1])  # of the data sheet's noise
-def test_a_device_that_repeats_one_sample_though_it_has_noise_is_not_used_until_it_changes(different, gyro_counts):
-    samples = noisy(10.0, np.random.default_rng(13))
-    end = 8 * RATE
-    samples["w"][different:end], samples["f"][different:end] = samples["w"][different], samples["f"][different]
-    noise = G350.gyro_noise * math.sqrt(0.5 * RATE)
-    health = new_health(G350, RATE, is_device=True, counts=(gyro_counts * noise, math.inf))
-    marked = slice(different + RATE, end)
-    run(health, samples)
-    is_stuck = gyro_counts <= 1.0
-    expected = np.zeros(len(samples), bool)
-    expected[marked] = is_stuck
-    for flag in (NO_RATE, NO_FORCE):
-        assert np.array_equal(samples["flags"] & flag != 0, expected)
-    if is_stuck:
-        outage_s = np.arange(RATE, end - different) / RATE
-        assert samples["outage_s"][marked] == pytest.approx(outage_s, abs=2.5 / RATE)
-    assert counted(health) == [
-        "inertial sensor sends the same sample again and again"
-        + ", though it has noise: not used" * is_stuck
-        + f" ({end - different - RATE} samples)"
-    ]
 
 
 @pytest.mark.parametrize("lsbs", [0.25, 0.5, 1.0, 10.0])

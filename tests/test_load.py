@@ -133,7 +133,7 @@ def test_an_overloaded_daemon_reports_it_and_catches_up_and_its_stream_misses_no
         assert numbers[-1] > seq
         assert numbers == list(range(numbers[0], numbers[-1] + 1))
         messages = re.findall(r"cannot keep up|keeps up again; \d+ samples lost, (\d+) batches", imud.log)
-        assert messages[0] == "" and int(messages[1]) > 0
+        assert messages[0] == "" and any(shed != "0" for shed in messages[1::2])
         assert all(
             bool(shed) == i % 2 for i, shed in enumerate(messages)
         )  # each in its turn; a busy machine adds others

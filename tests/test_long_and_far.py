@@ -20,6 +20,7 @@ KNOW_ATTITUDE = ("attitude", "navigation", "tilt", "stationary", "suh-standard",
 KNOW_POSITION = ("navigation", "stationary", "gps-track", "ins9")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "received"), [("attitude", False), ("navigation", True), ("navigation", False)])
 def test_an_hour_at_rest_at_1_khz(name, received):
     """3.6 million samples of an M-G350: errors stay within their sigmas, which stay small."""

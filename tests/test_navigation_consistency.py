@@ -30,6 +30,7 @@ def normalised(name, rate, vehicle, seed, scale=0.0):
     return [*nees, np.mean(rows["value"] ** 2 / rows["variance"])]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name, rate, vehicle", [("consumer-mems", 100, "free"), ("m-g350", 200, "auto")])
 def test_normalised_errors_are_about_one(name, rate, vehicle):
     p, v, a, nis = np.mean([normalised(name, rate, vehicle, seed) for seed in range(10)], axis=0)
@@ -39,6 +40,7 @@ def test_normalised_errors_are_about_one(name, rate, vehicle):
     assert 0.4 < nis < 1.6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("vehicle", ["free", "auto"])
 def test_gyro_misalignment_is_not_known_better_than_turns_allow(vehicle):
     """In level turns a wrong axis is a tilt and an accelerometer bias that are fixed in the body: all stay unsure."""

@@ -79,6 +79,7 @@ def test_all_readings_together_know_no_more_than_one():
     assert sigmas[1][-1] == pytest.approx(sigmas[1][1000], rel=0.05)
 
 
+@pytest.mark.thorough
 def test_in_an_outage_it_holds_the_heading_of_a_poor_gyro_and_says_how_well():
     """Mean NEES of yaw over runs with iron, surroundings and gyros of their own each, from 80 s on without fixes."""
     instability = np.radians(0.2)  # rad/s, within 100 s

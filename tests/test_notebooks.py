@@ -35,6 +35,7 @@ def test_it_uses_only_what_imud_exports(path):
     assert set(re.findall(r"\bimud\.(\w+)", text)) <= set(imud.__all__)
 
 
+@pytest.mark.thorough
 @NOTEBOOK
 def test_it_runs_and_shows_a_plot(path, tmp_path):
     notebook = nbformat.read(path, 4)

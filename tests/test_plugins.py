@@ -44,6 +44,7 @@ def frame(counter):
     return b"\xa5\x5a" + body + bytes([sum(body) & 255])
 
 
+@pytest.mark.thorough
 def test_driver_estimator_and_output_of_another_package_run_in_the_daemon(installed, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(installed))
     master, slave = os.openpty()

@@ -51,6 +51,7 @@ def attitude_errors(seed, away_s):
     return tilt[at], np.degrees(np.hypot(*out["sigma_rpy"][at, :2].T))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("away_s", [0.3, 3.0])
 def test_attitude_after_100_replugs_is_as_good_as_claimed(away_s):
     tilt, sigma = np.swapaxes([attitude_errors(seed, away_s) for seed in range(100)], 0, 1)

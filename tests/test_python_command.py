@@ -1,7 +1,9 @@
 """Processes that imud starts run this imud, not one that the current folder holds."""
 
 import os
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -52,3 +54,18 @@ def test_no_other_file_runs_a_module_with_python():
         if 'executable, "-m"' in p.read_text()
     }
     assert found <= allowed
+
+
+def test_a_current_folder_that_has_been_deleted_is_named(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    words = [sys.executable, "-P", "-m", "imud", "--port", "sim:rest"]
+    done = subprocess.run(
+        ["sh", "-c", f"cd {gone} && rmdir {gone} && exec {shlex.join(words)}"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == "imud: the current folder: No such file or directory\n"
+    assert done.returncode == 74

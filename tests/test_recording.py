@@ -150,6 +150,7 @@ def test_another_estimator_is_tried_on_the_same_bytes(recorded, tmp_path):
     assert command("replay", tmp_path / "absent.mcap", "-o", tmp_path / "out").returncode == 66
 
 
+@pytest.mark.thorough
 def test_a_cluster_gives_the_same_files(fleet, tmp_path):
     distributed = pytest.importorskip("distributed", reason="clusters need the extra imud[cluster]")
     paths, made = fleet

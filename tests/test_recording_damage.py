@@ -66,6 +66,7 @@ def test_the_whole_one_is_read_without_a_note(whole):
     assert read(whole) == (MADE_WITH, 1700000000000000000, [])
 
 
+@pytest.mark.thorough
 def test_one_changed_byte_in_the_header_is_refused_or_changes_nothing(whole, tmp_path):
     data, damaged = whole.read_bytes(), tmp_path / "damaged.mcap"
     first_chunk = data.find(b"\4\0\0\0zstd") - 37

@@ -96,6 +96,7 @@ def test_wheels_that_spin_are_left_out():
     assert np.hypot(e[:, 3], e[:, 4])[(m.t > 100.0) & (m.t < 104.0)].max() < 0.8
 
 
+@pytest.mark.thorough
 def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     p, s = some_state()
     p["odometer_lever_arm"] = 0.3, -0.7, 0.1

@@ -201,6 +201,7 @@ def test_rates_and_count_steps(code, rate):
         assert set(np.diff(counts) % 65536) == {step}
 
 
+@pytest.mark.thorough
 def test_frames_leave_on_the_grid_of_the_device_clock_for_an_hour(monkeypatch):
     monkeypatch.setattr(ImuErrors, "measure", lambda self, signal, t: np.zeros((len(t), 6)))  # only times matter here
     unit = device(oscillator=1.0 + 50e-6)

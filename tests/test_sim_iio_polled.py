@@ -194,6 +194,7 @@ def test_libiio_reads_the_tree_and_a_buffer(tmp_path):
     assert np.diff(found["ns"]) == pytest.approx(1e9 / 25.0, abs=1000)
 
 
+@pytest.mark.thorough
 def test_a_daemon_is_aided_by_them_through_their_faults_and_the_recording_replays_to_the_same_bits(tmp_path, root):
     faults = "bmp280:lose=0.1,unplug@14-22/40;ak8975:lose@14-22/40"
     words = ("bmi160", "nmea", *POLLED, "--iio-root", str(root), "--link", str(root / "gnss"), "--faults", faults)

@@ -402,6 +402,7 @@ def test_a_chart_that_left_the_screen_and_came_back_between_two_frames_is_drawn(
         asyncio.run(look(url))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):
     ports = ("--port", "sim:car", "--port", "sim:car:nmea")

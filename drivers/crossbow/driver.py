@@ -39,8 +39,7 @@ START_S = 0.2
 RATE_S = 1.0  # for which the stream is counted
 TURN_S = 1e-3  # from a request to its answer, at most
 PART_NUMBER = 300
-RANGES = RANGE_LSB * RATE_SCALE, RANGE_LSB * ACCEL_SCALE
-ABILITIES = (False, False, True), *RANGES, RATE_SCALE, ACCEL_SCALE  # gyro axes, ranges, counts
+ABILITIES = (False, False, True), RANGE_LSB * RATE_SCALE, RANGE_LSB * ACCEL_SCALE  # gyro axes; ranges
 BAUD = 38400
 POLLED_ONLY = "it does not stream: it is polled for each packet"
 

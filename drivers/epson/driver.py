@@ -179,8 +179,6 @@ def configured(
         warnings,
         gyro_range=gyro_end * model.gyro_scale,
         accel_range=accel_end * model.accel_scale,
-        gyro_count=model.gyro_scale,
-        accel_count=model.accel_scale,
         request=request,
         has_quartz=True,
     )

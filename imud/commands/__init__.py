@@ -213,8 +213,9 @@ def main(arguments: list[str] | None = None) -> int:
     except MemoryError:
         print("imud: out of memory: process less data at a time", file=sys.stderr)
         return 1
-    except OSError as error:  # the disk is full
+    except OSError as error:  # the disk is full, or the current folder has been deleted
         reason = os.strerror(error.errno) if error.errno else error
-        print(f"imud: {error.filename or _on_a_full_disk(args) or 'output'}: {reason}", file=sys.stderr)
+        unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "output"
+        print(f"imud: {error.filename or _on_a_full_disk(args) or unnamed}: {reason}", file=sys.stderr)
         _close_output()
         return InputOutputError.exit_code

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FROZEN, LIMITED, INVALID, SPIKE = 0, 6, 12, 21  # six bits each, for the axes
-ZERO, WEIGHT, TEMPERATURE, UNITS, REPEATED, STUCK = 18, 19, 20, 27, 28, 29
-FINDINGS = 30
+ZERO, WEIGHT, TEMPERATURE, UNITS, REPEATED = 18, 19, 20, 27, 28
+FINDINGS = 29
 
 _PER_AXIS = ((FROZEN, "frozen"), (LIMITED, "at the end of its range"), (INVALID, "impossible"), (SPIKE, "shows spikes"))
 _WHOLE = (
@@ -13,7 +13,6 @@ _WHOLE = (
     (WEIGHT, "accelerometer shows a steady force far from gravity"),
     (UNITS, "rates are in deg/s instead of rad/s: gravity turns 57 times less than they say"),
     (REPEATED, "inertial sensor sends the same sample again and again"),
-    (STUCK, "inertial sensor sends the same sample again and again, though it has noise: not used"),
     (TEMPERATURE, "temperature is impossible"),
 )
 

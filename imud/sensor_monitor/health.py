@@ -16,10 +16,9 @@ has repeated for ALL_REPEAT_S, and the quietest neighbour of known noise has NEI
 This holds for devices only, not for arrays and tables, and not for an axis that the device does not have.
 
 The noise of a device that repeats one sample from its first block on cannot be learned. When all axes have repeated for
-ALL_REPEAT_S this is reported until one changes. If the driver knows the counts, and the noise of the data sheet is at
-least one of them, the device is stuck, and its samples are not used. Otherwise they are: where the resolution is so
-coarse that all axes are constant at rest, they are right. Arrays and tables may come from a simulation without noise,
-so this holds for devices only.
+ALL_REPEAT_S this is reported until one changes, but its samples are used: where the resolution is so coarse that all
+axes are constant at rest, they are right. Arrays and tables may come from a simulation without noise, so this holds for
+devices only.
 
 A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
 steep turn has as much for a minute. Both rotate, or the force changes. A constant force far from gravity for 10 s,
@@ -50,7 +49,7 @@ from ..compile.jit import kernel
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
-from .findings import FINDINGS, FROZEN, INVALID, LIMITED, REPEATED, SPIKE, STUCK, TEMPERATURE, UNITS, WEIGHT, ZERO
+from .findings import FINDINGS, FROZEN, INVALID, LIMITED, REPEATED, SPIKE, TEMPERATURE, UNITS, WEIGHT, ZERO
 from .spikes import SPIKES, new_spikes, replace_spikes
 from .units import RATE_UNITS, new_units, rates_are_in_degrees
 
@@ -76,8 +75,8 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = -60.0, 130.0  # degC, for MIN_REPEATS samples
 REPORT_NS = 2_000_000_000  # time for which a finding is reported after it was last made
 
 _RATES, _FORCES = 0b000111, 0b111000
-_NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS | 1 << STUCK
-_NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT | 1 << STUCK
+_NO_RATE = _RATES << FROZEN | _RATES << INVALID | 1 << UNITS
+_NO_FORCE = _FORCES << FROZEN | _FORCES << INVALID | 1 << ZERO | 1 << WEIGHT
 
 HEALTH = np.dtype(
     [
@@ -88,7 +87,6 @@ HEALTH = np.dtype(
         ("profile_noise", "<f8", (6,)),  # standard deviation of a sample by the profile, same units
         ("min_repeats", "<i8"),
         ("all_repeats", "<i8"),  # samples from which it is reported that all axes repeat
-        ("must_change", "<i8"),  # 1: by its noise and its counts it never repeats so many
         ("unchanged_repeats", "<i8", (6,)),  # from which an axis that has never changed is frozen
         ("far_samples", "<i8"),  # in FAR_S
         ("near_samples", "<i8"),  # in NEAR_S
@@ -127,13 +125,11 @@ def new_health(
     rate_hz: float,
     is_device: bool = False,
     gyro_axes: tuple[bool, bool, bool] = (True, True, True),
-    counts: tuple[float, float] = (math.inf, math.inf),
 ) -> NDArray[np.void]:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`.
 
     is_device: its samples come from a device, not from arrays or tables that may have been simulated without noise.
     gyro_axes: which gyros it has; the rates of the others are constant.
-    counts: steps of its rates, rad/s, and of its forces, m/s^2; infinite: not known.
     """
     h = np.zeros(1, HEALTH)
     h["range"] = np.repeat((RANGE_SHARE * profile.gyro_range, RANGE_SHARE * profile.accel_range), 3)
@@ -143,7 +139,6 @@ def new_health(
     h["profile_noise"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["min_repeats"] = max(MIN_REPEATS, round(MIN_REPEATS_S * rate_hz))
     h["all_repeats"] = max(ALL_REPEATS, round(ALL_REPEAT_S * rate_hz)) if is_device else np.iinfo(np.int64).max
-    h["must_change"] = (h["profile_noise"] >= np.repeat(counts, 3)).any()
     h["unchanged_repeats"] = np.where((*gyro_axes, True, True, True), h["all_repeats"][0], np.iinfo(np.int64).max)
     h["far_samples"], h["near_samples"] = max(MIN_REPEATS, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
     h["resolution"] = h["noise"] = math.inf
@@ -301,7 +296,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
         sample.flags |= LIMITED_FORCE if findings & (_FORCES << LIMITED) else 0
     since = t_ns
     for i in range(6):
-        if (findings >> (FROZEN + i) | findings >> STUCK) & 1:
+        if findings >> (FROZEN + i) & 1:
             since = min(since, h.repeats_start_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
@@ -328,8 +323,7 @@ def check_sample(h: Health, sample: Any) -> None:
     if update_statistics(h, sample) or h.samples == 0:
         for i in range(6):
             findings |= check_axis(h, i, sample.t_ns)
-        if is_repeated(h):
-            findings |= 1 << (STUCK if h.must_change else REPEATED)
+        findings |= 1 << REPEATED if is_repeated(h) else 0
     findings |= check_force(h, sample.t_ns)
     findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
     frozen = findings >> FROZEN & _RATES != 0

@@ -61,7 +61,6 @@ class Health:
     profile_noise: Reals
     min_repeats: int
     all_repeats: int
-    must_change: int
     unchanged_repeats: Integers
     far_samples: int
     near_samples: int

@@ -14,7 +14,7 @@ class Tuning:
     min_scaled_turn: float
     time_offset_psd: float
     gyro_scale_psd: float
-    heading_boresight_sigma: float
+    unset_boresight_sigma: float
     heading_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float

@@ -1,5 +1,6 @@
 """What the daemon tells of changes, and what the sensors say of themselves in words: no device, no clock but ours."""
 
+import json
 import math
 from types import SimpleNamespace
 
@@ -145,6 +146,28 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
         receiver.flush(second * SECOND + SECOND // 2)
         stuck = second > 8
         assert receiver.faults(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
+
+
+def test_a_fix_that_came_a_moment_ago_is_not_beyond_the_limit_of_its_age():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    receiver.feed(gga("120000.000"), SECOND)
+    receiver.flush(2 * SECOND)
+    for now_ns, age_s in ((SECOND - 1_000_000, 0.0), (SECOND, 0.0), (2 * SECOND, 1.0)):
+        assert receiver.out_of_limits(now_ns) == ()
+        assert receiver.view(now_ns).age_s == age_s
+    assert receiver.out_of_limits(5 * SECOND) == ("gnss_age_s",)
+
+
+def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():
+    """GGA and VTG alone have a time of day only, of which gpsd makes no time."""
+    tpv = {"class": "TPV", "device": "/dev/a", "mode": 3, "lat": 48.1, "lon": 11.5, "altHAE": 520.0}
+    receiver = Receiver(by_name("gpsd"), Settings().gnss, 0)
+    for second in range(10):
+        receiver.feed(json.dumps(tpv).encode() + b"\n", second * SECOND)
+    assert receiver.faults(9 * SECOND) == (
+        "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA",
+    )
+    assert receiver.fix_count == 0
 
 
 def test_a_receiver_on_a_disturbed_line_is_not_called_well():

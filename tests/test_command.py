@@ -49,6 +49,16 @@ def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, 
     assert str(port) in capsys.readouterr().err
 
 
+def test_a_table_in_the_place_of_a_recording_is_told_its_option(tmp_path, capsys):
+    table = tmp_path / "imu.csv"
+    table.write_text("t_s,gx_radps\n")
+    assert main(["replay", str(table), "-o", str(tmp_path / "est.csv")]) == 64
+    assert (
+        capsys.readouterr().err
+        == f"imud: replay: {table} is a table: --imu {table} if it has samples, --gnss if fixes\n"
+    )
+
+
 def test_a_package_that_is_missing_is_named_with_the_extra_that_brings_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imud.drivers.capture", None)
     monkeypatch.setattr("imud.commands._EXTRAS", {"imud.drivers.capture": "record"})

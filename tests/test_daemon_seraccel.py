@@ -56,3 +56,17 @@ def test_what_is_plugged_in_later_and_will_not_do_ends_nothing(tmp_path):
             after = imud.until(lambda m: m["class"] == "EST" and m["t_mono_ns"] > before["t_mono_ns"] + 2_000_000_000)
         assert after["seq"] > before["seq"]
         assert imud.log.count("needs all gyros") == 1
+
+
+def test_beside_a_receiver_it_gives_the_tilt_and_the_receiver_the_position(tmp_path):
+    links = [tmp_path / "imu", tmp_path / "gnss"]
+    ports = [word for link in links for word in ("--port", str(link))]
+    with (
+        emulator("seraccel", "nmea", "--no-fix", "0", "--patient", links=links),
+        daemon(tmp_path, *ports) as imud,
+    ):
+        imud.says("tilt instead of navigation")
+        tpv = imud.until(lambda m: m["class"] == "TPV" and m["mode"] == 3)
+        assert tpv["device"] == str(links[1]) and tpv["lat"] == pytest.approx(35.6586, abs=0.005)
+        est = imud.until(lambda m: m["class"] == "EST" and "attitude" in m["state"])
+        assert est["device"] == str(links[0]) and est["estimator"] == "tilt" and "lat_deg" not in est

@@ -129,6 +129,24 @@ def test_without_a_receiver_there_is_no_fix_no_heading_and_a_relative_yaw():
     assert est["syaw_deg"] == 1.5
 
 
+def test_where_the_estimator_takes_no_fixes_the_position_is_the_receivers_of_its_own_time():
+    fix = golden_solution(POSITION_VALID)
+    fix["lat"] = math.radians(47.5)
+    receiver = View(solution=fix.tobytes(), utc_s=1774267219.0, devices=(RECEIVER,), gnss=GNSS)
+    view = golden_view(solution=golden_solution(ATTITUDE_VALID).tobytes(), estimator="attitude", receiver=receiver)
+    tpv = fields("TPV", view)
+    assert (tpv["device"], tpv["mode"], tpv["lat"], tpv["time"]) == (
+        RECEIVER.path,
+        2,
+        47.5,
+        "2026-03-23T12:00:19.000000Z",
+    )
+    est = fields("EST", view)
+    assert est["device"] == IMU.path and "lat_deg" not in est and est["time"] == "2026-03-23T12:00:20.250000Z"
+    none = view._replace(receiver=View(devices=(RECEIVER,)))
+    assert fields("TPV", none) == {"class": "TPV", "device": RECEIVER.path, "mode": 0}
+
+
 def test_no_angles_before_alignment():
     att = fields("ATT", golden_view(solution=golden_solution(0).tobytes()))
     assert not {"roll", "pitch", "yaw", "heading", "rot"} & att.keys()

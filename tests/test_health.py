@@ -143,7 +143,7 @@ def test_a_device_that_repeats_one_sample_from_its_first_block_on_is_reported_un
     samples = noisy(60.0, np.random.default_rng(different), rate)
     first, end = different + max(rate, 100), 40 * rate  # 1 s, 100 samples at least
     samples["w"][different:end], samples["f"][different:end] = samples["w"][different], samples["f"][different]
-    repeated = ("sends the same sample again and again",)
+    repeated = ("inertial sensor sends the same sample again and again",)
     assert words(recent_findings(of_device(samples[:first], rate))) == ()
     assert words(recent_findings(of_device(samples[: first + 1], rate))) == repeated
     assert words(recent_findings(of_device(samples[:end], rate))) == repeated
@@ -190,7 +190,7 @@ def test_a_device_of_counts_coarser_than_its_noise_may_repeat_samples_once_it_ha
     """Counts of 20 times the noise: all axes are constant at rest."""
     samples = noisy(60.0, np.random.default_rng(7), gyro_lsbs=0.05, accel_lsbs=0.05)
     assert (np.ptp(samples["w"], axis=0) == 0.0).all()
-    assert words(recent_findings(of_device(samples))) == ("sends the same sample again and again",)
+    assert words(recent_findings(of_device(samples))) == ("inertial sensor sends the same sample again and again",)
     samples["w"][at(1.0)] += GYRO_LSB
     assert words(recent_findings(of_device(samples))) == ()
 

@@ -94,6 +94,15 @@ def test_the_rate_of_turn_is_that_of_the_heading():
     assert parsed(view(rpy=rpy, w=w))["GPROT"].rot == pytest.approx(rate, abs=0.02)
 
 
+def test_where_the_estimator_takes_no_fixes_the_position_is_the_receivers():
+    receiver = view(status=POSITION_VALID, lat=47.5, utc_s=1.7e9 - 1.0)
+    said = parsed(view(status=ATTITUDE_VALID, rpy=(1, 2, 3))._replace(receiver=receiver))
+    for kind in ("GPGGA", "GPRMC"):
+        assert said[kind].lat == pytest.approx(47.5) and said[kind].time.second == 19
+    assert said["GPVTG"].sogk / 3.6 == pytest.approx(math.sqrt(5), abs=1e-3)
+    assert said["PASHR"][1] == "221320.00" and said["PASHR"][4:6] == ["+1.00", "+2.00"]
+
+
 def test_invalid_values_are_empty_fields():
     assert sentences(View()) == (
         b"$GPGGA,,,,,,0,,,,M,,M,,*66\r\n$GPVTG,,T,,M,,N,,K,N*2C\r\n"

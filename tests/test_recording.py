@@ -354,19 +354,19 @@ def test_the_recording_holds_what_happened(recorded):
 
 
 def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
-    port, absent, path = tmp_path / "gnss", tmp_path / "absent", tmp_path / "raw.mcap"
+    port, absent, path = tmp_path / "imu", tmp_path / "absent", tmp_path / "raw.mcap"
     with (
-        emulator("nmea", links=[port]),
+        emulator("g350", links=[port]),
         process("imud", "record", str(port), str(absent), "-o", str(path), stderr=subprocess.PIPE) as running,
     ):
         while "streaming" not in (line := running.stderr.readline()):
             assert line, "it ended by itself"
         begun = path.stat().st_size
-        while path.stat().st_size < begun + 200:
+        while path.stat().st_size < begun + 20_000:
             assert running.poll() is None
             time.sleep(0.1)
         running.send_signal(signal.SIGINT)
         _, log = running.communicate()
     said = re.findall(r"\[(\w+) *\] recorded (\d+) bytes +port=(\S+)", log)
-    data, _ = _bytes(path, "gnss")
+    data, _ = _bytes(path, "imu")
     assert said == [("info", str(len(data)), str(port)), ("warning", "0", str(absent))]

@@ -91,6 +91,8 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     assert (ports[imu]["model"], ports[imu]["baud"], ports[imu]["rate_asked_hz"]) == ("M-G350", 460800, 1000.0)
     assert 0.0 <= ports[imu]["sample_age_s"] < 60.0 and 0.0 <= last["filter"]["age_s"] < 60.0
     assert ports[gnss]["quality"] == 1 and ports[gnss]["sentences"]["fixes"] >= ports[gnss]["used"] > 0
+    assert ports[gnss]["lat_deg"] == pytest.approx(last["filter"]["lat_deg"], abs=1e-3)
+    assert re.search(r"fix: lat 35\.6\d{5}°, lon 139\.7\d{5}°, quality 1, ", screen)
     assert not ports[absent]["streaming"] and "trying again" in ports[absent]["description"]
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
     assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
@@ -303,6 +305,11 @@ def test_another_program_is_recognised(monkeypatch, lines, says):
 def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
     with pytest.raises(DeviceAbsentError, match=r"no daemon answers at .*start one"):
         status.run(argparse.Namespace(address=str(tmp_path / "sock"), json=False, prometheus=False))
+
+
+def test_one_is_counted_in_the_singular():
+    counted = status._counted({"frames": 1, "lost": 1, "errors": 2}, ("frames", "lost", "errors"))
+    assert counted == "1 frame, 1 lost, 2 errors"
 
 
 def test_reasons_of_refused_fixes_are_not_taken_for_settings():

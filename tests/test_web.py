@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import json
 import math
 import subprocess
@@ -31,8 +32,8 @@ def page_server(address, listen="127.0.0.1:0"):
 
 
 @contextlib.asynccontextmanager
-async def scripted_daemon(path, *lines, answer=b""):
-    """A socket that says these lines to whoever asks, and `answer` to what is asked later; yields the requests."""
+async def scripted_daemon(path, *lines, answer=bytes):
+    """A socket that says these lines to whoever asks, and `answer()` to what is asked later; yields the requests."""
     asked, writers = [], []
 
     async def serve(reader, writer):
@@ -42,7 +43,7 @@ async def scripted_daemon(path, *lines, answer=b""):
         with contextlib.suppress(ConnectionError):
             while line := await reader.readline():
                 asked.append(line)
-                writer.write(answer + b"\r\n" if answer else b"")
+                writer.write(answer())
 
     path.unlink(missing_ok=True)
     server = await asyncio.start_unix_server(serve, path)
@@ -73,7 +74,7 @@ def test_snapshots_follow_the_daemon_when_it_starts_and_ends(tmp_path):
                 news = await heard(channel, lambda n: "EST" in n)
                 assert news["connected"] and news["EST"] == EST
                 watch = json.loads(asked[0].removeprefix(b"?WATCH="))
-                assert 10 <= watch["rate"] <= 20 and {"ATT", "EST", "SKY"} == set(watch["class"].split(","))
+                assert 10 <= watch["rate"] <= 20 and {"ATT", "EST", "SKY", "TPV"} == set(watch["class"].split(","))
             async with scripted_daemon(path, b"SSH-2.0-OpenSSH_9.2"):
                 news = await heard(channel, lambda n: "gpsd's protocol" in (n["why"] or ""))
                 assert "EST" not in news  # nothing old is shown as if it were new
@@ -331,8 +332,9 @@ def test_a_yaw_is_shown_for_what_it_is_and_stays_when_the_sensor_is_silent(state
     )
 
     async def serve(url):
-        sky = b'{"class":"SKY","uSat":9}'
-        async with scripted_daemon(tmp_path / "gpsd.sock", *lines, answer=sky), browser(tmp_path / "profile") as page:
+        sky = b'{"class":"SKY","uSat":9}\r\n'
+        scripted = scripted_daemon(tmp_path / "gpsd.sock", *lines, answer=lambda: sky)
+        async with scripted, browser(tmp_path / "profile") as page:
             await page.open(url)
             await page.until(f"{health}.includes('satellites in use 9') && {LINK}.startsWith('no sensor data')")
             await page.until(f"{health}.startsWith('inertial sensor – receiver –')")
@@ -346,6 +348,38 @@ def test_a_yaw_is_shown_for_what_it_is_and_stays_when_the_sensor_is_silent(state
 
     with page_server(tmp_path / "gpsd.sock") as url:
         asyncio.run(serve(url))
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+def test_without_estimates_or_beside_those_without_a_position_the_receivers_is_shown(tmp_path):
+    tpv = {"class": "TPV", "device": "/dev/gnss", "mode": 3, "lat": 48.5, "lon": 11.25, "altHAE": 520.0}
+    tpv |= {"epx": 1.96, "epy": 3.92, "epv": 5.88, "velN": 1.5, "velE": -2.5, "eps": 0.196}
+    tilt = EST | YAW | {"device": "/dev/imu", "yaw_deg": 0.0, "syaw_deg": 103.923}
+    place = "document.getElementById('place').innerText.replace(/\\s+/g, ' ')"
+    shown = "latitude 48.500000° ± 2.0 m longitude 11.250000° ± 1.0 m height 520.00 ± 3.0 m v north 1.50 ± 0.10 m/s"
+
+    numbers = itertools.count(1)
+
+    def newer(*messages):
+        """These messages, each time as of a later instant."""
+        n = next(numbers)
+        times = {"t_mono_ns": n, "time": f"2026-03-23T12:{n // 60:02}:{n % 60:02}Z"}
+        return b"".join(json.dumps(message | times).encode() + b"\r\n" for message in messages)
+
+    async def is_shown(url, page, link, *messages):
+        scripted = scripted_daemon(tmp_path / "gpsd.sock", b'{"class":"VERSION"}', answer=lambda: newer(*messages))
+        async with scripted:
+            await page.open(url)
+            await page.until(f"{place}.startsWith('{shown}') && {LINK} === {json.dumps(link)}")
+
+    async def look(url):
+        async with browser(tmp_path / "profile") as page:
+            await is_shown(url, page, "no inertial sensor: the receiver's fixes", tpv)
+            await is_shown(url, page, "live", tilt, tpv)
+            assert page.errors == []
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(look(url))
 
 
 @pytest.mark.skipif(program() is None, reason="no Chromium here")

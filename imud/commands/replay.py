@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     if args.recordings:
         if args.imu or args.gnss or args.aiding:
             raise UsageError("replay: --imu, --gnss and --aiding are tables; name these or recordings, not both")
+        if table := next((path for path in args.recordings if path.suffix.lower() == ".csv"), None):
+            raise UsageError(f"replay: {table} is a table: --imu {table} if it has samples, --gnss if fixes")
         from . import replay_recordings
 
         return replay_recordings.run(args)

@@ -143,7 +143,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     for name, output in status["outputs"].items():
         if addresses := output.pop("addresses", ""):
             yield name, addresses
-        yield "" if addresses else name, ", ".join(f"{count} {what}" for what, count in output.items())
+        yield "" if addresses else name, ", ".join(_number_of(count, what) for what, count in output.items())
     share = 100.0 * status["cpu_s"] / max(status["uptime_s"], 1e-3)
     megabytes = (status[key] / 2**20 for key in ("memory_bytes", "memory_peak_bytes"))
     memory = "{:.0f} MB of memory ({:.0f} at most)".format(*megabytes)
@@ -289,6 +289,8 @@ def _port(port: Table) -> Iterator[tuple[str, str]]:
 
 
 _FIX = (
+    ("lat_deg", "lat {:.6f}°", "position"),
+    ("lon_deg", "lon {:.6f}°", "position"),
     ("quality", "quality {}", "gnss_quality"),
     ("satellites", "{} satellites", "satellites"),
     ("hdop", "HDOP {:g}", "hdop"),
@@ -304,7 +306,12 @@ def _rate(port: Table) -> str:
 
 def _counted(port: Table, names: tuple[str, ...]) -> str:
     refused = "".join(f", {count} refused for {rule}" for rule, count in port.get("refused", {}).items())
-    return ", ".join(f"{port[name]} {name}" for name in names if name in port) + refused
+    return ", ".join(_number_of(port[name], name) for name in names if name in port) + refused
+
+
+def _number_of(count: int, what: str) -> str:
+    """What is counted, in the singular where it is one."""
+    return f"{count} {what.removesuffix('s') if count == 1 else what}"
 
 
 def _times(count: int) -> str:

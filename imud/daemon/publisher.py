@@ -93,12 +93,12 @@ class Publisher:
 
     def publish_receiver(self, now_ns: int) -> None:
         """Without an inertial sensor: send the receiver's fix, so that clients do not take an old solution for new."""
-        self._outputs.publish(lambda: self._receivers_view(now_ns), now_ns)
+        self._outputs.publish(lambda: self._receivers_view(now_ns, self._health(now_ns)), now_ns)
 
-    def _receivers_view(self, now_ns: int) -> View:
-        view = View(devices=self._devices.described, health=self._health(now_ns))
+    def _receivers_view(self, now_ns: int, health: Health) -> View:
         if self._devices.in_use.gnss is None:
-            return view
+            return View(devices=self._devices.described, health=health)
+        view = View(devices=self._devices.described[-1:], health=health)
         receiver = self._devices.in_use.gnss.sensor
         view = view._replace(gnss=receiver.view(now_ns))
         if (fix := receiver.fresh_fix(now_ns)) is None:
@@ -111,16 +111,19 @@ class Publisher:
     def _view(self, inertial: Inertial, now_ns: int) -> View:
         solution = inertial.newest
         assert solution is not None
-        t_ns = int(solution["t_ns"])
+        t_ns, health = int(solution["t_ns"]), self._health(now_ns)
+        selected = self._devices.selection.estimator
+        has_no_position = selected.update is None and self._devices.in_use.gnss is not None
         return View(
             solution=solution.tobytes(),
             utc_s=_utc_s(t_ns),
             t_mono_ns=t_ns,
             seq=inertial.samples,
-            estimator=self._devices.selection.estimator.name,
+            estimator=selected.name,
             devices=self._devices.described,
             gnss=self._devices.in_use.gnss.sensor.view(now_ns) if self._devices.in_use.gnss else None,
             temperature=float(inertial.pipeline.samples[0]["temperature"]),
             sensed=inertial.sensed,
-            health=self._health(now_ns),
+            health=health,
+            receiver=self._receivers_view(now_ns, health) if has_no_position else None,
         )

@@ -210,13 +210,15 @@ class Report:
     def __init__(self, view: View) -> None:
         self.view = view
         self._state = decode(view.solution)
+        self._position = (view.receiver, decode(view.receiver.solution)) if view.receiver else (view, self._state)
         self._objects: dict[str, str] = {}
         self._lines: dict[tuple[str, ...], bytes] = {}
 
     def object(self, kind: str) -> str:
         """One of CLASSES as a JSON object."""
         if kind not in self._objects:
-            self._objects[kind] = _ENCODERS[kind](self.view, self._state)
+            source = self._position if kind == "TPV" else (self.view, self._state)
+            self._objects[kind] = _ENCODERS[kind](*source)
         return self._objects[kind]
 
     def lines(self, kinds: tuple[str, ...]) -> bytes:

@@ -23,8 +23,9 @@ _MODES = {2: "D", 4: "R", 5: "F", _ESTIMATED: "E"}  # of GGA's quality; else A
 
 def sentences(view: View) -> bytes:
     """All sentences of one instant, in the order of `_SENTENCES`."""
-    state = decode(view.solution)
-    return b"".join(_with_checksum(make(view, state)) for make in _SENTENCES)
+    whole = view, decode(view.solution)
+    position = (view.receiver, decode(view.receiver.solution)) if view.receiver else whole
+    return b"".join(_with_checksum(make(*(position if make in _OF_POSITION else whole))) for make in _SENTENCES)
 
 
 def _with_checksum(body: str) -> bytes:
@@ -142,3 +143,4 @@ def pashr(view: View, state: State) -> str:
 
 # RMC is the last with a time: gpsd ends the burst with the last one, and reports no position if that is PASHR.
 _SENTENCES: tuple[Callable[[View, State], str], ...] = (gga, vtg, hdt, rot, pashr, rmc)
+_OF_POSITION = (gga, vtg, rmc)

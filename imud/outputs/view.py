@@ -64,6 +64,7 @@ class View(NamedTuple):
     temperature: float = NAN  # of the inertial sensor, degC
     emulated: bool = False
     health: Health = Health()
+    receiver: "View | None" = None  # the receiver's own position, where the estimator takes no fixes
     sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 
 

@@ -12,7 +12,7 @@ _WHOLE = (
     (ZERO, "accelerometer shows nothing, not even gravity"),
     (WEIGHT, "accelerometer shows a steady force far from gravity"),
     (UNITS, "rates are in deg/s instead of rad/s: gravity turns 57 times less than they say"),
-    (REPEATED, "sends the same sample again and again"),
+    (REPEATED, "inertial sensor sends the same sample again and again"),
     (TEMPERATURE, "temperature is impossible"),
 )
 

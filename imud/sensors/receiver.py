@@ -33,6 +33,7 @@ _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("unknown age", "their age is not known: they have waited somewhere and come faster than they are made")
 _CLOCK = Refusal("unknown age", "their age is not known: their times do not go on as they come")
+_UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -195,6 +196,8 @@ class Receiver:
             "used": self.used,
             "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
             "sentences": dict(self.decoder.counters),
+            "lat_deg": self._last.lat_deg if self._last else None,
+            "lon_deg": self._last.lon_deg if self._last else None,
             "quality": said.quality,
             "satellites": said.satellites,
             "hdop": last.hdop if last else None,
@@ -236,7 +239,8 @@ class Receiver:
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
-            return "receiver: says that it has a fix, but tells no new one"
+            untimed = self._last is None and self.decoder.counters.get("no time")
+            return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
         if self._backward_count >= STEADY:
             return "receiver: its time runs backward"
         if self._leap_count >= STEADY:
@@ -255,7 +259,7 @@ class Receiver:
 
     def out_of_limits(self, now_ns: int) -> tuple[str, ...]:
         """Which quantities are beyond their limits, or those of the settings."""
-        age_s = (now_ns - self._last.arrival_ns) * 1e-9 if self._last else None
+        age_s = _age_s(self._last, now_ns) if self._last else None
         stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
@@ -270,11 +274,16 @@ class Receiver:
             quality=fix.quality,
             alt_msl=math.nan if fix.alt_msl_m is None else fix.alt_msl_m,
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
-            age_s=(now_ns - fix.arrival_ns) * 1e-9,
+            age_s=_age_s(fix, now_ns),
             sky=self.decoder.sky,
             fix=b"" if self._row is None else self._row.tobytes(),
             reported=self._last_used_fix,
         )
+
+
+def _age_s(fix: Fix, now_ns: int) -> float:
+    """Since it arrived; 0 for one that has come since `now_ns` was read."""
+    return max(0, now_ns - fix.arrival_ns) * 1e-9
 
 
 def jumps(before: Fix, after: Fix) -> bool:

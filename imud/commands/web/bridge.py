@@ -11,7 +11,7 @@ from imud.commands.notable_states import notable_states
 from imud.outputs.addresses import Address
 
 RATE_HZ = 20
-_WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY"}
+_WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY,TPV"}
 _STATES = "states."
 _LINE_MAX = 1 << 20  # bytes
 _RETRY_S = 1.0

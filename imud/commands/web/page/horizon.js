@@ -98,10 +98,10 @@ export function drawCompass(canvas, yaw, sigma, isHeading) {
   c.font = "600 28px system-ui, sans-serif";
   c.fillText(`${((Math.round(yaw) % 360) + 360) % 360}°`, 0, 0);
   c.font = "12px system-ui, sans-serif";
-  c.fillText(isHeading ? "from true north" : "yaw, not from north", 0, 24);
+  c.fillText(isHeading ? "from true north" : "not from north", 0, 24);
 }
 
 export function unknown(c) {
   c.fillStyle = colour("soft");
-  c.fillText("not known yet", 0, 0);
+  c.fillText("not known", 0, 0);
 }

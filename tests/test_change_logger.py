@@ -77,6 +77,7 @@ def test_fault_bits_of_a_dmu_are_reported_as_text():
     for k, bit in enumerate([0, 0, 4, 4, 0x44, 0x40, 0]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         reported.append(sensor.faults(k * SECOND // 100))
+        assert sensor.reading_faults() == reported[-1]
     failed, unknown = "the sensor reports a failed accelerometer (BIT bit 2)", "bit 6 of its status word"
     assert reported[:2] == [(), ()]
     assert reported[2] == reported[3] == (failed,)
@@ -85,6 +86,7 @@ def test_fault_bits_of_a_dmu_are_reported_as_text():
     assert unknown in reported[5][0]
     assert reported[6] == ()
     assert "stale" in sensor.faults(SECOND)[0]
+    assert sensor.reading_faults() == ()
 
 
 @pytest.mark.parametrize("gap", [0, 60, 500])

@@ -1,10 +1,14 @@
 """Two or three inertial sensors on one body: what they must agree on, and which of them is wrong."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from attitude_simulation import after, simulate, wobble
 from scipy.spatial.transform import Rotation
 
+from imud.configuration.settings import Settings
+from imud.daemon.spares import Spares
 from imud.drivers.sample import SAMPLE
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensors.comparison import SensorComparison
@@ -159,3 +163,20 @@ def test_one_that_left_is_not_compared_any_more():
     assert comparison.verdicts
     comparison.leave("b")
     assert not comparison.verdicts
+
+
+class Port:
+    def __init__(self, path):
+        self.spec = SimpleNamespace(path=path)
+
+
+def test_only_faults_of_its_readings_speak_against_a_sensor(monkeypatch):
+    """On a busy machine samples are read late, of whichever sensor."""
+    spares, faulty = Spares(print, Settings()), []
+    monkeypatch.setattr(spares, "_comparison", SimpleNamespace(update=faulty.append))
+    monkeypatch.setattr(spares, "_find_mounting", lambda *_: None)
+    late = SimpleNamespace(faults=lambda now_ns: ("stale",), reading_faults=lambda: ())
+    frozen = SimpleNamespace(faults=lambda now_ns: ("gyro x frozen",), reading_faults=lambda: ("gyro x frozen",))
+    spares.sensors = {Port("a"): late, Port("b"): frozen}
+    spares.update(Port("c"), late)
+    assert faulty == [{"b"}]

@@ -57,6 +57,7 @@ def test_a_quartz_that_drifts_is_not_called_well(ppm, has_quartz, reported):
     assert sensor.properties(arrival_ns)["clock"]["drift_ppm"] == pytest.approx(ppm, abs=5.0)
     assert [text for text in sensor.faults(arrival_ns) if "more than 500 ppm" in text] == sensor_faults(reported)
     assert sensor.properties(arrival_ns)["out_of_limits"] == ("clock_drift_ppm" if reported else None)
+    assert not any("clock" in text for text in sensor.reading_faults())
 
 
 def sensor_faults(reported):

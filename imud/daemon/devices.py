@@ -163,7 +163,7 @@ class Devices:
         if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):
             self.in_use.imu.port.lost(why)
         if self.in_use.imu and self.spares.sensors:
-            self._compare(*self.in_use.imu, now_ns)
+            self._compare(*self.in_use.imu)
         if self.corrections is not None:
             self.corrections.forward(now_ns, self.in_use.gnss.port.forward if self.in_use.gnss else None)
         for port in self.ports:
@@ -174,14 +174,14 @@ class Devices:
             self._store.save_when_due(configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
         return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
 
-    def _compare(self, port: Port, sensor: Inertial, now_ns: int) -> None:
+    def _compare(self, port: Port, sensor: Inertial) -> None:
         """Compare all inertial sensors, and replace the one in use if it is wrong.
 
         Where it is not known which one is wrong, the filter continues as after a power-on: the biases of the sensor in
         use may have changed.
         """
         disagreed = bool(self.spares.findings(port))
-        self.spares.update(port, sensor, now_ns)
+        self.spares.update(port, sensor)
         findings, successor = self.spares.findings(port), self.spares.successor()
         if self.spares.is_wrong(port) and successor and not self.spares.is_wrong(successor):
             port.lost(findings[0])

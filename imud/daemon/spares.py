@@ -92,11 +92,11 @@ class Spares:
                 self._compare(port, sensor)
             self._comparison.add_samples(port.spec.path, sensor.pipeline.samples[:n])
 
-    def update(self, used_port: "Port", used: Inertial, now_ns: int) -> None:
+    def update(self, used_port: "Port", used: Inertial) -> None:
         """Call several times a second: compares the sensors."""
         if self.sensors:
             every = {**self.sensors, used_port: used}
-            self._comparison.update({port.spec.path for port, sensor in every.items() if sensor.faults(now_ns)})
+            self._comparison.update({port.spec.path for port, sensor in every.items() if sensor.reading_faults()})
             for port, spare in self.sensors.items():
                 self._find_mounting(port, spare, used_port, used)
 

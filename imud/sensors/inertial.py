@@ -130,8 +130,13 @@ class Inertial:
         if now_ns - self.last_data_ns > self.stale_ns:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
-        beyond = (_BEYOND[name] for name in self.out_of_limits())
-        return (*damaged, *beyond, *words(recent_findings(self.pipeline.filter.health)), *self._reported_faults())
+        clock = (_BEYOND[name] for name in self.out_of_limits() if name != "temperature_c")
+        return (*damaged, *clock, *self.reading_faults())
+
+    def reading_faults(self) -> tuple[str, ...]:
+        """Those that make its readings wrong: none of its line or clock, nor of a machine that is too busy."""
+        beyond = (_BEYOND[name] for name in self.out_of_limits() if name == "temperature_c")
+        return (*beyond, *words(recent_findings(self.pipeline.filter.health)), *self._reported_faults())
 
     def out_of_limits(self) -> tuple[str, ...]:
         """Which quantities are beyond their limits, by their names in `LIMITS`."""

@@ -11,14 +11,14 @@ from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
 
 from imud.batch import play
-from imud.configuration.settings import Aiding, Initial, Navigation, Settings
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
 D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
 FREE = Settings(navigation=Navigation(vehicle="free"))
-KNOWN = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=0.0))
+KNOWN = Settings(navigation=Navigation(vehicle="free", tuning={"heading_boresight_sigma": 1e-5}))
 
 
 def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0):

@@ -150,13 +150,6 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             -360.0, 360.0, "deg", "What the compass, or the baseline, shows when the vehicle heads north.", hot=True
         ),
     ] = 0.0
-    heading_boresight_sigma_deg: Annotated[
-        Literal["auto"] | Annotated[float, number(0.0, 30.0, "deg")],
-        Meta(
-            description="1 sigma of that angle, whose error is estimated; 0: it is exact. `auto`: 3 degrees, as of "
-            "what is mounted by eye."
-        ),
-    ] = "auto"
     current_mps: Annotated[
         float,
         number(

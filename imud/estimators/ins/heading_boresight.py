@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable(
-        "unset_boresight_sigma",
+        "heading_boresight_sigma",
         math.radians(3.0),
         "rad",
-        "Sigma of the boresight of a heading, where the user gives none.",
+        "Sigma of the angle by which a compass or two antennas are mounted otherwise than the settings say.",
         "Choice: mounting by eye.",
     ),
     Tunable(
@@ -53,7 +53,7 @@ TUNABLES = (
 def begin_boresight(p: Parameters, c: Core) -> None:
     """A heading comes: its boresight is known from now on as well as the settings have it."""
     if c.heading_aid.boresight_variance == 0.0:
-        c.heading_aid.boresight_variance = p.heading_boresight_sigma**2
+        c.heading_aid.boresight_variance = p.tuning.heading_boresight_sigma**2
 
 
 @kernel

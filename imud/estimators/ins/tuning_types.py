@@ -16,7 +16,7 @@ class Tuning:
     level_force_time_s: float
     level_force_gate: float
     gyro_scale_psd: float
-    unset_boresight_sigma: float
+    heading_boresight_sigma: float
     heading_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float

@@ -19,7 +19,6 @@ class Parameters:
     lever_arm_is_set: int
     lever_arm_sigma: float
     heading_boresight: float
-    heading_boresight_sigma: float
     odometer_lever_arm: Reals
     track_width: float
     pose_lever_arm: Reals

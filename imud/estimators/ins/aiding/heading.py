@@ -165,7 +165,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
-        s = innovation_variance(c, length) + r + timing + p.heading_boresight_sigma**2
+        s = innovation_variance(c, length) + r + timing + p.tuning.heading_boresight_sigma**2
         check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
         gate = REJECT
     elif c.compass_offset.onset_ns == NEVER_NS:

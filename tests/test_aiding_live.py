@@ -139,7 +139,7 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     imu, gnss, aiding = tmp_path / "imu", tmp_path / "gnss", tmp_path / "aiding"
     ports = ("--port", str(imu), "--port", str(gnss))
     record = ("--record", str(tmp_path / "rest.mcap"), "--set", "record.estimate_rate_hz=0")
-    known = ("--set", "navigation.tuning.heading_boresight_sigma=1e-4")
+    known = ("--set", "aiding.heading_boresight_sigma_deg=0.01")
     magnetometer = ("--set", "aiding.magnetometer=true", "--set", "aiding.magnetometer_mount_rpy_deg=[0,0,90]")
     with (
         emulator("g350", "nmea", "--scenario", "rest", "--yaw-deg", "123", links=[imu, gnss]),

@@ -29,6 +29,7 @@ from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .glr_tests.compass_offset import (
     correct_compass_offset,
+    estimate_wide_boresight,
     explained_by_compass_offset,
     find_compass_offset,
     fixes_contradict_heading,
@@ -101,13 +102,16 @@ def fuse_and_align(
 @kernel
 def check_given_heading(p: Parameters, c: Core) -> bool:
     """Whether a compass or the user gave a wrong heading. False: it is wrong, and has to be found anew."""
+    if c.alignment.mode == NAVIGATING and estimate_wide_boresight(p, c):
+        correct_state(p, c)
+        return True
     offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
     if offset == 0.0:
         return c.alignment.mode != NAVIGATING or not fixes_contradict_heading(p, c)
     if not correct_compass_offset(p, c, offset):
         return False
     correct_state(p, c)
-    distrust_compass(c)
+    distrust_compass(p, c)
     restart_in_motion_alignment(c)
     return True
 
@@ -157,7 +161,7 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
     if c.alignment.mode == NAVIGATING:
         if is_unconfirmed(c):
             reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
-        distrust_compass(c)
+        distrust_compass(p, c)
         change_mode(p, c, HEADING_WRONG)
     reset_to_fix(p, c, fix)
 

@@ -14,7 +14,7 @@ class Tuning:
     min_scaled_turn: float
     time_offset_psd: float
     gyro_scale_psd: float
-    heading_boresight_sigma: float
+    unknown_boresight_sigma: float
     heading_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
@@ -265,6 +265,7 @@ class Tuning:
     trapezoid_share: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
+    wide_boresight_chi2: float
     compass_offset_memory_s: float
     compass_offset_correlation_s: float
     compass_offset_prior: float

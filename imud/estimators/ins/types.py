@@ -19,6 +19,7 @@ class Parameters:
     lever_arm_is_set: int
     lever_arm_sigma: float
     heading_boresight: float
+    heading_boresight_sigma: float
     odometer_lever_arm: Reals
     track_width: float
     pose_lever_arm: Reals
@@ -367,6 +368,7 @@ class HeadingAid:
     agreeing_ns: int
     boresight: float
     boresight_variance: float
+    boresight_prior: float
     turn_ns: int
     turn_count: int
     turn_heading: float

@@ -120,6 +120,7 @@ HEADING_AID = np.dtype(
         ("agreeing_ns", "<i8"),  # since when it has agreed again
         ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
         ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
+        ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
         ("turn_ns", "<i8"),  # when the interval began whose turn is compared
         ("turn_count", "<i8"),  # intervals before it
         ("turn_heading", "<f8"),  # rad, the last heading

@@ -12,7 +12,7 @@ from ..sensors.inertial import Inertial
 from .devices import Devices
 from .load import Load
 from .sigma_shares import RECEIVER, SigmaShares
-from .status_tables import InnovationStatistics
+from .status_tables import InnovationStatistics, of_filter_states
 
 
 def _utc_s(t_ns: int) -> float:
@@ -123,4 +123,5 @@ class Publisher:
             temperature=float(inertial.pipeline.samples[0]["temperature"]),
             sensed=inertial.sensed,
             health=self._health(now_ns),
+            states=lambda: of_filter_states(inertial),
         )

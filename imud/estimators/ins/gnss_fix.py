@@ -9,6 +9,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ..records import POSITION_N
+from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
 from .aiding.gnss_gate import (
     clear_contradictions,
@@ -179,6 +180,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
         return rows if repeated else fuse_gnss_velocity(p, c, fix, age, innovations, rows)
     rows = fuse_and_align(p, c, b, fix, age, innovations)
+    compare_heights(p, c, fix)
     heading_ok = check_given_heading(p, c)
     check_drift(p, c)
     check_time_offset(p, c)

@@ -366,6 +366,8 @@ class Tuning:
     baro_ratio_noise: float
     baro_ratio_memory_s: float
     baro_ratio_tolerance: float
+    baro_fix_s: float
+    baro_fix_sigmas: float
     baro_ratio_height: float
     baro_known_height: float
     pose_sigma: float

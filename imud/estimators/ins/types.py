@@ -341,6 +341,10 @@ class Barometer:
     ratio_height: float
     reading2: float
     reading_height: float
+    fix_ns: int
+    mean_fix_height: float
+    mean_reading: float
+    scale_error2: float
 
 
 class ExternalAid:

@@ -8,6 +8,11 @@
 
     state = latest("/dev/shm/imud-front")
 
+What the filter estimates beside that (biases of the receiver, time offsets, scales, each with its sigma `s…`), as in
+states.csv, from the daemon whose `gpsd.listen` is that address:
+
+    filter_states("127.0.0.1:2947")["odometer_scale"]
+
 Measurements for the daemon whose `aiding.listen` is that path, from any program:
 
     with AidingSender("/run/imud/aiding") as sender:
@@ -70,6 +75,7 @@ RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind
 LIVENESS: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), pid and boot id of the daemon
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
+_STATES = "states."
 STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
 _WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
@@ -289,20 +295,45 @@ def latest(path: str | Path) -> State | None:
         shared.close()
 
 
+def filter_states(address: str | Path = "127.0.0.1:2947", timeout_s: float = 5.0) -> dict[str, float]:
+    """What the daemon's filter estimates beside its solution now, by the columns of states.csv; empty: nothing.
+
+    Raises OSError, ValueError for what is no address, ProtocolError.
+    """
+    where, family = _address(address)
+    with socket.socket(family, socket.SOCK_STREAM) as sock:
+        sock.settimeout(timeout_s)
+        sock.connect(where)
+        sock.sendall(b"?STATUS;\n")
+        with sock.makefile("rb") as lines:
+            for text in lines:
+                try:
+                    message = json.loads(text)
+                    kind = message["class"]
+                except (ValueError, TypeError, KeyError):
+                    break
+                if kind == "STATUS":
+                    return {name[len(_STATES) :]: message[name] for name in message if name.startswith(_STATES)}
+    raise ProtocolError(f"{address} does not answer as imud")
+
+
+def _address(address: str | Path) -> tuple[str | tuple[str, int], socket.AddressFamily]:
+    """Where to send or connect. Raises ValueError for what is no address."""
+    text = str(address).removeprefix("unix:")
+    host, colon, port = text.rpartition(":")
+    if "/" in text:
+        return text, socket.AF_UNIX
+    if colon and port.isdigit():
+        return (host.strip("[]"), int(port)), socket.AF_INET6 if ":" in host else socket.AF_INET
+    raise ValueError(f"{text!r} is no address: it must be /path or HOST:PORT")
+
+
 class AidingSender:
     """Sends measurements to the daemon whose `aiding.listen` is `address`: a path, or HOST:PORT. Never waits."""
 
     def __init__(self, address: str | Path) -> None:
         """Raises ValueError for what is no address. The daemon need not run yet."""
-        text = str(address).removeprefix("unix:")
-        host, colon, port = text.rpartition(":")
-        if "/" in text:
-            self._where: str | tuple[str, int] = text
-            family = socket.AF_UNIX
-        elif colon and port.isdigit():
-            self._where, family = (host.strip("[]"), int(port)), socket.AF_INET6 if ":" in host else socket.AF_INET
-        else:
-            raise ValueError(f"{text!r} is no address: it must be /path or HOST:PORT")
+        self._where, family = _address(address)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 

@@ -67,8 +67,8 @@ def compass_mounted_wrong_though_known():
     d = road(80.0, rest=15.0)
     rows = headings(d, seed=57)
     rows["value"][:, 0] += np.radians(10.0)
-    tuning = {"heading_boresight_sigma": 1e-3}
-    return replace(navigated(*data(d, seed=58), tuning=tuning), measurements=rows)
+    known = Aiding(heading_boresight_sigma_deg=0.06)
+    return replace(navigated(*data(d, seed=58), aiding=known), measurements=rows)
 
 
 @golden("navigation")

@@ -8,7 +8,7 @@ from golden_run import Recording
 from navigation_simulation import Drive, curvature, drive, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
-from imud.configuration.settings import Imu, Initial, Navigation, Settings
+from imud.configuration.settings import Aiding, Imu, Initial, Navigation, Settings
 
 RATE = 100
 
@@ -56,8 +56,8 @@ def moved(fixes, begin, end, metres, per_second=0.0):
     return fixes
 
 
-def navigated(samples, fixes, initial=Initial(), imu=Imu(), **navigation):  # noqa: B008
-    settings = Settings(imu=imu, navigation=Navigation(**navigation))
+def navigated(samples, fixes, initial=Initial(), imu=Imu(), aiding=Aiding(), **navigation):  # noqa: B008
+    settings = Settings(imu=imu, navigation=Navigation(**navigation), aiding=aiding)
     return Recording("navigation", samples, fixes, settings, initial)
 
 

@@ -13,7 +13,7 @@ import pytest
 from processes import TIMEOUT_S, daemon, emulator
 from recorded import stored
 
-from imud.client import AidingSender
+from imud.client import AidingSender, filter_states
 from imud.configuration.settings import Initial
 from imud.daemon.aiding_socket import LONGEST, AidingSocket, address_of
 from imud.errors import ConfigError
@@ -135,12 +135,21 @@ def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):
         assert len(list(listening.datagrams())) == sent  # those of a well-behaved program, at once
 
 
+def last_states(path):
+    """The first STATES that a client gets who watches nothing else."""
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.settimeout(TIMEOUT_S)
+        sock.connect(str(path))
+        sock.sendall(b'?WATCH={"enable":true,"json":true,"class":"STATES"};\n')
+        return next(m for m in map(json.loads, sock.makefile("rb")) if m["class"] == "STATES")
+
+
 @pytest.mark.thorough
 def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     imu, gnss, aiding = tmp_path / "imu", tmp_path / "gnss", tmp_path / "aiding"
     ports = ("--port", str(imu), "--port", str(gnss))
     record = ("--record", str(tmp_path / "rest.mcap"), "--set", "record.estimate_rate_hz=0")
-    known = ("--set", "navigation.tuning.heading_boresight_sigma=1e-4")
+    known = ("--set", "aiding.heading_boresight_sigma_deg=0.01")
     magnetometer = ("--set", "aiding.magnetometer=true", "--set", "aiding.magnetometer_mount_rpy_deg=[0,0,90]")
     with (
         emulator("g350", "nmea", "--scenario", "rest", "--yaw-deg", "123", links=[imu, gnss]),
@@ -162,6 +171,10 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
         assert status["aiding"]["sources"]["heading"]["share"]["heading"] > 0.3
         assert status["aiding"]["refused"]["value"] > 5
         assert status["innovations"]["heading"]["used"] > 0
+        states = filter_states(tmp_path / "gpsd.sock")
+        assert states["sheading_boresight_deg"] < 0.1 and 0.0 < states["cov_pn_pn"] < 100.0
+        watched = last_states(tmp_path / "gpsd.sock")
+        assert watched.keys() >= states.keys() and watched["heading_boresight_deg"] == pytest.approx(0.0, abs=0.1)
         imud.process.terminate()
         assert imud.process.wait(TIMEOUT_S) == 0
         assert imud.log.count("heading_deg is 400") == 1

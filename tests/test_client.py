@@ -8,6 +8,7 @@ import socket
 import stat
 import struct
 import subprocess
+import threading
 
 import numpy as np
 import pytest
@@ -201,3 +202,16 @@ def test_the_client_needs_only_the_standard_library():
     code = "import sys, imud.client; print({'numpy', 'numba', 'msgspec', 'structlog'} & set(sys.modules))"
     done = subprocess.run([os.sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_what_the_filter_estimates_is_not_read_from_another_program(tmp_path):
+    with pytest.raises(ValueError, match="no address"):
+        client.filter_states("localhost")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "other"))
+        server.listen()
+        thread = threading.Thread(target=lambda: server.accept()[0].sendall(b'{"class":"ERROR"}\r\n[]\r\n'))
+        thread.start()
+        with pytest.raises(client.ProtocolError, match="does not answer as imud"):
+            client.filter_states(tmp_path / "other")
+        thread.join()

@@ -22,7 +22,7 @@ from imud.estimators.records import (
     POSITION_VALID,
     SOLUTION,
 )
-from imud.outputs.gpsd_json import CLASSES, Report, status_text
+from imud.outputs.gpsd_json import CLASSES, DEFAULT_CLASSES, Report, status_text
 from imud.outputs.gpsd_objects import line, quoted
 from imud.outputs.view import NO_SOLUTION, Device, View
 from imud.sensors.readings import ReceiverReport
@@ -67,6 +67,7 @@ def golden_view(**changes) -> View:
         solution=golden_solution().tobytes(), utc_s=1774267220.25, utc_error_s=0.005, t_mono_ns=9007199254740993,
         seq=42, estimator="navigation", devices=(IMU, RECEIVER), gnss=GNSS, temperature=31.5,
         sensed=(math.pi / 2.0, -math.pi, 0.0, 2.0, 3.0, -6.0),
+        states=lambda: {"cov_pn_pn": math.nan, "odometer_scale": 0.03125, "sodometer_scale": 0.001},
     )  # fmt: skip
     return full._replace(**changes)
 
@@ -98,6 +99,8 @@ GOLDEN = {
     "FIX": '{"class":"FIX","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.000000Z","t_mono_ns":9007199004740993,'
     '"arrival_mono_ns":9007199104740993,"quality":2,"uSat":9,"lat_deg":48.5,"lon_deg":-11.25,"sn_m":1.5,'
     '"se_m":2.5,"hdop":0.9,"speed_mps":5,"course_deg":90}\r\n',
+    "STATES": '{"class":"STATES","device":"/dev/ttyUSB0","time":"2026-03-23T12:00:20.250000Z",'
+    '"t_mono_ns":9007199254740993,"odometer_scale":0.03125,"sodometer_scale":0.001}\r\n',
 }
 
 
@@ -110,6 +113,14 @@ def test_a_climb_of_nothing_has_no_sign():
 @pytest.mark.parametrize("kind", CLASSES)
 def test_each_class_is_written_as_its_golden_line(kind):
     assert Report(golden_view()).lines((kind,)).decode() == GOLDEN[kind]
+
+
+def test_nobody_pays_for_states_who_does_not_ask_for_them():
+    def unasked():
+        raise AssertionError
+
+    report = Report(golden_view(states=unasked))
+    assert "STATES" not in DEFAULT_CLASSES and b"odometer_scale" not in report.lines(DEFAULT_CLASSES)
 
 
 def test_several_classes_go_out_in_one_piece():

@@ -6,7 +6,7 @@ import numpy as np
 from navigation_simulation import drive, errors, received, sensed
 
 from imud.batch import play
-from imud.configuration.settings import Initial, Navigation, Settings
+from imud.configuration.settings import Aiding, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import HEADING, HEADING_SOURCE, HEADING_VALID, MEASUREMENT, SOLUTION
@@ -32,7 +32,7 @@ def headings(d, rng, every_s=0.2, late_s=0.0, sigma=SIGMA):
 
 
 # a boresight that is known: of an unknown one the heading is the fixes', which depend on the snapshots
-KNOWN = Settings(navigation=Navigation(tuning={"heading_boresight_sigma": 1e-5}))
+KNOWN = Settings(aiding=Aiding(heading_boresight_sigma_deg=0.001))
 
 
 def live(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value

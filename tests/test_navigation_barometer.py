@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from fault_matrix import cell
+from fault_matrix import SOURCES, cell, scene, settings_of
 from navigation_simulation import drive, errors, received, sensed
+from replay_in_process import new_filter
 from test_navigation_aiding import estimated
 
+from imud.batch import play
 from imud.estimators import registry
 from imud.estimators.ins.aiding.barometer import SOURCE, standard_height
 from imud.estimators.records import BAROMETER_SOURCE, HEIGHT_VALID, MEASUREMENT, REJECTING
@@ -107,3 +109,32 @@ def test_a_barometer_that_repeats_its_last_reading_is_not_used():
 def test_readings_in_feet_on_a_drone_are_not_believed(seed):
     found = cell(seed, "barometer", "wrong units", "drone")
     assert found.sure_s == 0.0, found.worst
+
+
+def hectopascal(height):
+    return 1013.25 * (1.0 - height / 44330.77) ** 5.25588
+
+
+UNITS = {"hPa": hectopascal, "kPa": lambda height: hectopascal(height) / 10.0, "km": lambda height: height / 1e3}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("seed", [31, 43])
+def test_readings_that_hardly_change_while_a_drone_climbs_are_not_believed(seed, unit):
+    """They would hold the height; what was learned with them is doubted as soon as fixes show it."""
+    d, samples, fixes = scene(seed, "drone")
+    rows = SOURCES["barometer"](d, np.random.default_rng(100 + seed)).copy()
+    rows["value"][:, 0] = UNITS[unit](rows["value"][:, 0])
+    out, _ = estimated(samples, fixes, rows, settings_of("barometer", "drone"))
+    error, sigma = errors(d, out)[0][:, 2], out["sigma_p"][:, 2]
+    valid = out["status"] & HEIGHT_VALID != 0
+    assert not np.any((np.abs(error) > np.maximum(4.0 * sigma, 5.0))[valid])
+
+
+@pytest.mark.parametrize("seed", [31, 43])
+def test_a_right_barometer_on_a_drone_keeps_its_weight(seed):
+    d, samples, fixes = scene(seed, "drone")
+    filter_ = new_filter("navigation", samples, settings_of("barometer", "drone"))
+    rows = SOURCES["barometer"](d, np.random.default_rng(100 + seed))
+    play(filter_, samples.copy(), fixes, lambda block: None, aiding=rows)
+    assert filter_.state["core"][0, 0]["barometer"]["scale_error2"] == 0.0

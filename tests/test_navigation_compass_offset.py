@@ -6,27 +6,31 @@ from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter
 from scipy.spatial.transform import Rotation
-from test_navigation_aiding import headings
+from test_navigation_aiding import estimated, headings
 from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
 
 from imud.batch import play
-from imud.configuration.settings import Initial, Navigation, Settings
+from imud.configuration.settings import Aiding, Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
 D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
 FREE = Settings(navigation=Navigation(vehicle="free"))
-KNOWN = Settings(navigation=Navigation(vehicle="free", tuning={"heading_boresight_sigma": 1e-5}))
+WIDE = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=3.0))
+KNOWN = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=0.001))
 
 
-def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0):
+def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0, reported=None, from_s=0.0):
     """(the filter's core, its solutions) after a drive with a compass that is off by `wrong`, rad, from begin_s on."""
     rng = np.random.default_rng(2)
     samples, fixes = sensed(D, rng), received(D, rng, late=0.1, sigma=1.2)
     rows = headings(D, rng, sigma=SIGMA)
     rows["value"][rows["t_ns"] * 1e-9 - 100.0 >= begin_s, 0] += wrong
+    rows = rows[rows["t_ns"] * 1e-9 - 100.0 >= from_s]
+    if reported is not None:
+        rows["sigma"][:, 0] = np.radians(reported)
     rows["value"][:, 0] = np.mod(rows["value"][:, 0], 2.0 * np.pi) * in_units
     filter_ = new_filter("navigation", samples, settings)
     end_ns, blocks = int(1e9 * (100.0 + seconds)), []
@@ -36,14 +40,14 @@ def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0):
     return filter_.state["core"][0, 0].copy(), np.concatenate(blocks)
 
 
-@pytest.mark.parametrize("settings", [FREE, KNOWN])
+@pytest.mark.parametrize("settings", [WIDE, KNOWN])
 def test_the_effect_of_an_offset_on_the_boresight_is_predicted(settings):
     off = np.radians(1e-3)
     core, changed = (run(20.0, wrong, settings)[0] for wrong in (0.0, off))
     found = (changed["heading_aid"]["boresight"] - core["heading_aid"]["boresight"]) / off
     v = core["compass_offset"]["boresight_sensitivity"]
     assert 1.0 - v == pytest.approx(found, abs=0.05)
-    assert v < 0.5 if settings is FREE else v > 0.99
+    assert v < 0.5 if settings is WIDE else v > 0.99
 
 
 def test_the_effect_of_an_offset_is_predicted():
@@ -76,14 +80,73 @@ def test_a_right_compass_is_used_to_the_end_and_its_heading_valid_from_the_first
 @pytest.mark.parametrize("deg", [-4.0, 0.0, 2.0, 10.0])
 def test_its_boresight_is_estimated(deg):
     """10 deg is three sigmas of what is expected of one; before the vehicle moves it is part of the yaw's sigma."""
-    aid = run(9.0, np.radians(deg))[0]["heading_aid"]
-    out = run(9.0, np.radians(deg))[1][-1]
+    core, out = run(9.0, np.radians(deg), WIDE)
+    aid, out = core["heading_aid"], out[-1]
     assert aid["boresight"] == pytest.approx(0.0, abs=np.radians(0.5))
     assert np.degrees(out["sigma_rpy"][2]) == pytest.approx(3.0, abs=0.3)
-    aid = run(88.0, np.radians(deg))[0]["heading_aid"]
+    aid = run(88.0, np.radians(deg), WIDE)[0]["heading_aid"]
     sigma = np.sqrt(aid["boresight_variance"])
     assert sigma < np.radians(0.7) and not aid["distrusted"]
     assert aid["boresight"] == pytest.approx(np.radians(deg), abs=4.0 * sigma)
+
+
+def standing(sigma_deg, setting="auto", seed=31):
+    """(errors of the yaw, its sigmas, deg; the solutions) of a vehicle at rest with a compass; nan: it reports none."""
+    d = drive(60.0, rest=100.0)
+    rng = np.random.default_rng(seed)
+    samples, fixes = sensed(d, rng), received(d, rng)
+    rows = headings(d, rng, sigma=np.radians(0.3))
+    rows["sigma"][:, 0] = np.radians(sigma_deg)
+    out, _ = estimated(samples, fixes, rows, Settings(aiding=Aiding(heading_boresight_sigma_deg=setting)))
+    return *(np.degrees(values) for values in yaw_error(d, out)), out
+
+
+@pytest.mark.parametrize("seed", [31, 32, 33])
+def test_at_rest_a_compass_of_three_tenths_of_a_degree_gives_that(seed):
+    """From the second heading on after roll and pitch are known, 1.4 s after the start."""
+    error, sigma, out = standing(0.3, seed=seed)
+    since = slice(round(1.5 * RATE), None)
+    assert (out["status"][since] & HEADING_VALID).all()
+    assert np.sqrt(np.mean(error[since] ** 2)) < 0.3 and sigma[since].max() < 0.43
+    assert 0.25 < sigma[-1] < 0.4 and np.mean((error[since] / sigma[since]) ** 2) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "setting", "prior", "sigma"),
+    [
+        (np.nan, "auto", 3.0, 3.0),
+        (0.3, "auto", 0.3, 0.37),
+        (5.0, "auto", 3.0, 3.5),
+        (0.3, 3.0, 3.0, 3.0),
+        (0.3, 0.1, 0.1, 0.25),
+    ],
+)
+def test_what_is_known_of_its_boresight(sigma_deg, setting, prior, sigma):
+    """By the setting; else by the sigma that it reports, and 3 deg at most: it may be mounted by eye."""
+    core, _ = run(9.0, settings=Settings(aiding=Aiding(heading_boresight_sigma_deg=setting)), reported=sigma_deg)
+    assert np.degrees(np.sqrt(core["heading_aid"]["boresight_prior"])) == pytest.approx(prior)
+    assert standing(sigma_deg, setting)[1][-1] == pytest.approx(sigma, rel=0.2)
+
+
+@pytest.mark.parametrize("deg", [-4.0, 5.0, 10.0])
+def test_a_boresight_that_motion_contradicts_is_estimated_as_one_of_which_nothing_was_known(deg):
+    core, out = run(88.0, np.radians(deg))
+    wide, of_wide = run(88.0, np.radians(deg), WIDE)
+    found, expected = core["heading_aid"], wide["heading_aid"]
+    assert found["boresight_prior"] == expected["boresight_prior"] and not found["distrusted"]
+    sigma = np.sqrt(expected["boresight_variance"])
+    assert found["boresight"] == pytest.approx(expected["boresight"], abs=2.0 * sigma)
+    assert np.sqrt(found["boresight_variance"]) == pytest.approx(sigma, rel=0.3)
+    assert out["sigma_rpy"][-1, 2] == pytest.approx(of_wide["sigma_rpy"][-1, 2], rel=0.3)
+
+
+def test_a_compass_that_comes_when_the_heading_is_known_is_used_though_mounted_wrong():
+    """By 10 deg: its first heading is outside the gate, and its boresight then one of which nothing is known."""
+    core, out = run(88.0, np.radians(10.0), from_s=45.0)
+    aid = core["heading_aid"]
+    assert not aid["distrusted"] and aid["last_used_ns"] > 187e9
+    assert aid["boresight"] == pytest.approx(np.radians(10.0), abs=4.0 * np.sqrt(aid["boresight_variance"]))
+    assert abs(np.degrees(yaw_error(D, out)[0][-1])) < 1.5
 
 
 def test_headings_that_do_not_turn_with_the_gyros_are_found():

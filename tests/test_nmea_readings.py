@@ -188,7 +188,7 @@ def test_a_sensor_on_a_port_of_its_own_aids_is_recorded_and_replays_to_the_same_
             tmp_path,
             *("--port", str(imu), "--port", str(gnss), "--port", sensor),
             *("--record", str(tmp_path / "rest.mcap"), "--set", "record.estimate_rate_hz=0"),
-            *("--set", "navigation.tuning.heading_boresight_sigma=1e-4"),  # known: rest does not show it
+            *("--set", "aiding.heading_boresight_sigma_deg=0.01"),  # known: rest does not show it
         ) as imud,
     ):
         imud.says(SENSOR)

@@ -11,6 +11,7 @@ from test_riss import UPPER, nominal, some_state
 from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Initial
 from imud.estimators import registry
+from imud.estimators.filter_states import cells
 from imud.estimators.records import (
     AT_REST,
     FIX,
@@ -202,3 +203,17 @@ def _errors(m, part, out):
     whole["q_nb"][:, 0] = 1.0
     whole[np.flatnonzero(part)] = out
     return tuple(values[part] for values in errors(m, whole))
+
+
+def test_what_is_known_beside_the_solution_is_shown():
+    """The wheels' scale as simulated, and of the receiver what the fixes have shown; without wheels no scale."""
+    *_, filter_ = driven(11)
+    found = {name: values[0] for name, values in cells(filter_.filter_states()).items()}
+    assert abs(found["odometer_scale"] - SCALE) < 3.5 * found["sodometer_scale"] < 0.02
+    scale = filter_.estimator.source_estimates(filter_.state)[ODOMETER_SOURCE]["scale"]
+    assert scale == pytest.approx(1.0 + found["odometer_scale"], abs=1e-5)
+    assert 0.0 < found["gnss_noise_horizontal_m"] < 2.0 and 0.0 < found["sgnss_bias_n_m"] < 3.0
+    assert found["cov_pn_pn"] == pytest.approx(filter_.state[0]["P"][0])  # NORTH is the first state
+    *_, without = driven(11, seconds=20.0, with_wheels=False)
+    assert "odometer_scale" not in cells(without.filter_states())
+    assert without.estimator.source_estimates(without.state) == {}

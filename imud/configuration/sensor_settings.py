@@ -150,6 +150,14 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             -360.0, 360.0, "deg", "What the compass, or the baseline, shows when the vehicle heads north.", hot=True
         ),
     ] = 0.0
+    heading_boresight_sigma_deg: Annotated[
+        Literal["auto"] | Annotated[float, number(0.001, 180.0, "deg")],
+        Meta(
+            description="1 sigma of it; what it is off by is estimated in motion. `auto`: the sigma that a heading "
+            "reports of itself, at most 3; 3 if it reports none.",
+            extra=HOT,
+        ),
+    ] = "auto"
     current_mps: Annotated[
         float,
         number(

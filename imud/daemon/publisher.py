@@ -12,7 +12,7 @@ from ..sensors.inertial import Inertial
 from .devices import Devices
 from .load import Load
 from .sigma_shares import RECEIVER, SigmaShares
-from .status_tables import InnovationStatistics
+from .status_tables import InnovationStatistics, of_filter_states
 
 
 def _utc_s(t_ns: int) -> float:
@@ -126,4 +126,5 @@ class Publisher:
             sensed=inertial.sensed,
             health=health,
             receiver=self._receivers_view(now_ns, health) if has_no_position else None,
+            states=lambda: of_filter_states(inertial),
         )

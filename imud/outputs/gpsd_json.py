@@ -2,8 +2,8 @@
 
 Unknown is NaN, and a number that is not finite is never printed: its key is left out. Objects are compact, begin with
 their class and hold flat scalars only, because gpsd's clients depend on it. `EST` is a class of our own, with the keys
-and units of `imud replay`'s est.csv; gpsd's clients ignore it. Errors in gpsd's fields are 95 % bounds, those in `EST`
-one sigma.
+and units of `imud replay`'s est.csv; gpsd's clients ignore it. `STATES`, for which a client must ask, has those of
+states.csv. Errors in gpsd's fields are 95 % bounds, those in `EST` and `STATES` one sigma.
 
 Source: gpsd_json(5); gpsd 3.22, 3.25 and 3.27.5 tried.
 """
@@ -192,6 +192,11 @@ def _est(view: View, s: State) -> str:
     )
 
 
+def _states(view: View) -> str:
+    numbers = "".join(f',"{name}":{number:.9g}' for name, number in view.states().items() if math.isfinite(number))
+    return f'{head("STATES", view)}{time_of(view)},"t_mono_ns":{view.t_mono_ns}{numbers}}}'
+
+
 _ENCODERS: dict[str, Callable[[View, State], str]] = {
     "TPV": _tpv,
     "SKY": lambda view, _: sky_object(view),
@@ -199,9 +204,10 @@ _ENCODERS: dict[str, Callable[[View, State], str]] = {
     "IMU": _imu,
     "EST": _est,
     "FIX": lambda view, _: fix_object(view),
+    "STATES": lambda view, _: _states(view),
 }
 CLASSES = tuple(_ENCODERS)
-DEFAULT_CLASSES = tuple(kind for kind in CLASSES if kind != "FIX")
+DEFAULT_CLASSES = tuple(kind for kind in CLASSES if kind not in ("FIX", "STATES"))
 
 
 class Report:
@@ -224,7 +230,7 @@ class Report:
     def lines(self, kinds: tuple[str, ...]) -> bytes:
         """Messages as bytes; those without data are left out."""
         if kinds not in self._lines:
-            empty = set() if self.view.estimator else {"ATT", "IMU", "EST"}
+            empty = set() if self.view.estimator else {"ATT", "IMU", "EST", "STATES"}
             if self.view.gnss is None:
                 empty |= {"SKY", "FIX"}
             self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in empty))

@@ -5,7 +5,7 @@ Values only, frozen: an output may keep a view. Unknown is NaN, as in the record
 
 import math
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter, mul
 from typing import Any, NamedTuple
 
@@ -64,6 +64,7 @@ class View(NamedTuple):
     temperature: float = NAN  # of the inertial sensor, degC
     emulated: bool = False
     health: Health = Health()
+    states: Callable[[], Mapping[str, float]] = dict  # what the filter estimates beside the solution, read if asked for
     receiver: "View | None" = None  # the receiver's own position, where the estimator takes no fixes
     sensed: Vector = 2 * NO_VECTOR  # by the inertial sensor: rates in rad/s and specific force in m/s^2, body
 

@@ -9,6 +9,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ..records import POSITION_N
+from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
 from .aiding.gnss_gate import (
     clear_contradictions,
@@ -29,6 +30,7 @@ from .ekf import variance
 from .fusion import correct_state, write_innovation
 from .glr_tests.compass_offset import (
     correct_compass_offset,
+    estimate_wide_boresight,
     explained_by_compass_offset,
     find_compass_offset,
     fixes_contradict_heading,
@@ -101,13 +103,16 @@ def fuse_and_align(
 @kernel
 def check_given_heading(p: Parameters, c: Core) -> bool:
     """Whether a compass or the user gave a wrong heading. False: it is wrong, and has to be found anew."""
+    if c.alignment.mode == NAVIGATING and estimate_wide_boresight(p, c):
+        correct_state(p, c)
+        return True
     offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
     if offset == 0.0:
         return c.alignment.mode != NAVIGATING or not fixes_contradict_heading(p, c)
     if not correct_compass_offset(p, c, offset):
         return False
     correct_state(p, c)
-    distrust_compass(c)
+    distrust_compass(p, c)
     restart_in_motion_alignment(c)
     return True
 
@@ -157,7 +162,7 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
     if c.alignment.mode == NAVIGATING:
         if is_unconfirmed(c):
             reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
-        distrust_compass(c)
+        distrust_compass(p, c)
         change_mode(p, c, HEADING_WRONG)
     reset_to_fix(p, c, fix)
 
@@ -175,6 +180,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
         return rows if repeated else fuse_gnss_velocity(p, c, fix, innovations, rows)
     rows = fuse_and_align(p, c, b, fix, age, innovations)
+    compare_heights(p, c, fix)
     heading_ok = check_given_heading(p, c)
     check_drift(p, c)
     check_time_offset(p, c)

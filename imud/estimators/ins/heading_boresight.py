@@ -26,17 +26,18 @@ from ...compile.jit import kernel
 from ..tuning import Tunable
 from .ekf import add_variance
 from .error_model import apply_transition
-from .state import ATTITUDE, COMPASS_AXIS, NAVIGATING, STATES
+from .state import ATTITUDE, COMPASS_AXIS, COMPASS_FAULT, NAVIGATING, STATES
 
 if TYPE_CHECKING:
+    from ..types import Measurement
     from .types import Core, Parameters, Transition
 
 TUNABLES = (
     Tunable(
-        "heading_boresight_sigma",
+        "unknown_boresight_sigma",
         math.radians(3.0),
         "rad",
-        "Sigma of the angle by which a compass or two antennas are mounted otherwise than the settings say.",
+        "Sigma of the boresight of headings that report no sigma, or that motion has contradicted.",
         "Choice: mounting by eye.",
     ),
     Tunable(
@@ -50,16 +51,37 @@ TUNABLES = (
 
 
 @kernel
-def begin_boresight(p: Parameters, c: Core) -> None:
-    """A heading comes: its boresight is known from now on as well as the settings have it."""
-    if c.heading_aid.boresight_variance == 0.0:
-        c.heading_aid.boresight_variance = p.tuning.heading_boresight_sigma**2
+def prior_variance(p: Parameters, c: Core, m: Measurement) -> float:
+    """Variance of the boresight before it is estimated, rad^2: of the settings, else by the heading's own sigma."""
+    sigma = p.heading_boresight_sigma
+    if sigma == 0.0:
+        unknown = p.tuning.unknown_boresight_sigma
+        sigma = min(m.sigma[0], unknown) if m.sigma[0] > 0.0 else unknown
+    return max(sigma * sigma, c.heading_aid.boresight_prior)
 
 
 @kernel
-def forget_boresight(c: Core) -> None:
+def begin_boresight(p: Parameters, c: Core, m: Measurement) -> None:
+    """A heading comes: its boresight is estimated from now on."""
+    g = c.heading_aid
+    if g.boresight_variance == 0.0:
+        g.boresight_variance = g.boresight_prior = prior_variance(p, c, m)
+
+
+@kernel
+def widen_boresight_prior(p: Parameters, c: Core) -> float:
+    """Motion contradicts the boresight that was stated: nothing is known of it. Returns the added variance, rad^2."""
+    g = c.heading_aid
+    before = g.boresight_prior
+    g.boresight_prior = max(before, p.tuning.unknown_boresight_sigma**2)
+    return float(g.boresight_prior - before)
+
+
+@kernel
+def forget_boresight(p: Parameters, c: Core) -> None:
     """The headings are not used any more; what they have done to the error states is in P."""
     g = c.heading_aid
+    widen_boresight_prior(p, c)
     g.boresight = g.boresight_variance = 0.0
     for i in range(STATES):
         c.cov.boresight[i, 0] = 0.0
@@ -73,6 +95,22 @@ def share_boresight(c: Core) -> None:
         c.cov.boresight[i, 0] = 0.0
     c.cov.boresight[ATTITUDE + 2, 0] = -g.boresight_variance
     add_variance(c, ATTITUDE + 2, g.boresight_variance)
+
+
+@kernel
+def widen_boresight(c: Core, v: float, d: float, variance: float) -> None:
+    """Add v d, of a headings' offset d of this variance, rad^2; its effect on the states is the fault's."""
+    g = c.heading_aid
+    g.boresight += v * d
+    g.boresight_variance += v * v * variance
+    for i in range(STATES):
+        c.cov.boresight[i, 0] -= v * variance * c.faults.sensitivity[i, COMPASS_FAULT]
+
+
+@kernel
+def widen_unused_boresight(p: Parameters, c: Core) -> None:
+    """No heading has been used, so that nothing is correlated with the boresight: nothing is known of it."""
+    c.heading_aid.boresight_variance += widen_boresight_prior(p, c)
 
 
 @kernel

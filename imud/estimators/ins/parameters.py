@@ -130,6 +130,7 @@ PARAMETERS = np.dtype(
         ("lever_arm_is_set", "<i8"),  # 1: by the user, or its sigma
         ("lever_arm_sigma", "<f8"),  # m, of each of its components; 0: they are not estimated
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
+        ("heading_boresight_sigma", "<f8"),  # rad; 0: by the sigma that a heading reports
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
         ("track_width", "<f8"),  # m, between the two wheels; 0: not known
         ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body
@@ -164,6 +165,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["lever_arm_is_set"] = sigma != "auto" or any(settings.navigation.lever_arm_m)
     r["lever_arm_sigma"] = 0.0 if sigma == "auto" else sigma
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
+    boresight_sigma = settings.aiding.heading_boresight_sigma_deg
+    r["heading_boresight_sigma"] = 0.0 if boresight_sigma == "auto" else math.radians(boresight_sigma)
     r["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     r["track_width"] = settings.aiding.track_width_m
     r["pose_lever_arm"] = settings.aiding.pose_lever_arm_m

@@ -79,7 +79,7 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
     if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
         rows = fuse_heading(p, c, m, innovations)
         if contradicts_itself(p, c, m):
-            distrust_compass(c)
+            distrust_compass(p, c)
             change_mode(p, c, HEADING_LOST)
         elif check_turns(p, c):
             change_mode(p, c, HEADING_WRONG)
@@ -87,7 +87,7 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
     if (
         m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
     ):  # coarse alignment: the heading has an arbitrary origin, which this replaces
-        begin_boresight(p, c)
+        begin_boresight(p, c, m)
         if align_with_heading(p, c, heading_of(p, c, m), sigma_of(p, m)):
             share_boresight(c)
     if m.kind == BAROMETER_SOURCE:

@@ -16,7 +16,7 @@ class Tuning:
     level_force_time_s: float
     level_force_gate: float
     gyro_scale_psd: float
-    heading_boresight_sigma: float
+    unknown_boresight_sigma: float
     heading_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
@@ -267,6 +267,7 @@ class Tuning:
     trapezoid_share: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
+    wide_boresight_chi2: float
     compass_offset_memory_s: float
     compass_offset_correlation_s: float
     compass_offset_prior: float
@@ -369,6 +370,8 @@ class Tuning:
     baro_ratio_noise: float
     baro_ratio_memory_s: float
     baro_ratio_tolerance: float
+    baro_fix_s: float
+    baro_fix_sigmas: float
     baro_ratio_height: float
     baro_known_height: float
     pose_sigma: float

@@ -19,6 +19,7 @@ class Parameters:
     lever_arm_is_set: int
     lever_arm_sigma: float
     heading_boresight: float
+    heading_boresight_sigma: float
     odometer_lever_arm: Reals
     track_width: float
     pose_lever_arm: Reals
@@ -341,6 +342,10 @@ class Barometer:
     ratio_height: float
     reading2: float
     reading_height: float
+    fix_ns: int
+    mean_fix_height: float
+    mean_reading: float
+    scale_error2: float
 
 
 class ExternalAid:
@@ -368,6 +373,7 @@ class HeadingAid:
     agreeing_ns: int
     boresight: float
     boresight_variance: float
+    boresight_prior: float
     turn_ns: int
     turn_count: int
     turn_heading: float

@@ -21,6 +21,7 @@ Integration (2013), ch. 8 and 9 (RISS); Prasanna, Vehicle Localisation Using GPS
 from .. import Estimator
 from ..odometer_source import SOURCE
 from .filter import step
+from .filter_states import filter_states, source_estimates
 from .fixes import fuse_fix
 from .state import TUNABLES, checkpoint, configure, resume, start
 from .wheels import fuse_wheel_speed
@@ -38,4 +39,6 @@ ESTIMATOR = Estimator(
     resume=resume,
     aid=fuse_wheel_speed,
     sources=(SOURCE,),
+    filter_states=filter_states,
+    source_estimates=source_estimates,
 )

@@ -21,10 +21,10 @@ from ...records import BAROMETER, BAROMETER_SOURCE
 from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, variance
 from ..fusion import correct_state, correlated_update, write_innovation
-from ..state import BARO_OFFSET, NEVER_NS, OTHER_AXIS, POSITION
+from ..state import BARO_OFFSET, NEVER_NS, OTHER_AXIS, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from ...types import Innovation, Measurement
+    from ...types import Fix, Innovation, Measurement
     from ..types import Core, Parameters
 
 
@@ -90,6 +90,16 @@ TUNABLES = (
         "Difference of the ratio from 1, beyond three sigma, from which the scale of the readings is wrong.",
         "Hot or cold air: 10 %.",
     ),
+    Tunable(
+        "baro_fix_s", 20.0, "s", "Smoothing time of the heights of fixes and readings that are compared.", "Choice."
+    ),
+    Tunable(
+        "baro_fix_sigmas",
+        2.5,
+        "sigma",
+        "Difference of these from which the scale of the readings is wrong.",
+        "Smoothing leaves half of a fix's error.",
+    ),
     Tunable("baro_ratio_height", 20.0, "m", "Height over which a wrong scale is an error that lasts.", "Choice."),
     Tunable(
         "baro_known_height",
@@ -125,11 +135,40 @@ def scale_error2(p: Parameters, c: Core, m: Measurement) -> float:
         g.reading_height = keep * g.reading_height + (reading * height if changed else 0.0)
         g.ratio_ns, g.ratio_reading, g.ratio_height = m.t_ns, m.value[0], c.nav.height
     if not g.reading2 > 0.0:
-        return 0.0
+        return float(g.scale_error2)
     ratio = g.reading_height / g.reading2  # of the height to the reading, which is precise
     noise = p.tuning.baro_ratio_noise / math.sqrt(g.reading2)
     wrong = abs(ratio - 1.0) >= p.tuning.baro_ratio_tolerance + 3.0 * noise
-    return (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2 if wrong else 0.0
+    found = (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2 if wrong else 0.0
+    return float(max(found, g.scale_error2))
+
+
+@kernel
+def compare_heights(p: Parameters, c: Core, fix: Fix) -> None:
+    """After a fix: compare its height less the smoothed one with the same of the readings; in hPa they hardly change.
+
+    Where they differ, the estimate may have followed the readings: the variances of height and climb have what it may
+    be off by, and the offset begins anew.
+    """
+    g = c.barometer
+    if g.changed_ns == NEVER_NS or not math.isfinite(fix.height) or c.integrity.reject_count[1] > 0:
+        return
+    dt = 1e-9 * (fix.t_ns - g.fix_ns)
+    if g.fix_ns == NEVER_NS or dt > p.tuning.baro_fix_s or 1e-9 * (fix.t_ns - g.changed_ns) > p.tuning.baro_reopen_s:
+        g.mean_fix_height, g.mean_reading, dt = fix.height, g.reading, 0.0
+    g.fix_ns = fix.t_ns
+    g.mean_fix_height += (fix.height - g.mean_fix_height) * dt / p.tuning.baro_fix_s
+    g.mean_reading += (g.reading - g.mean_reading) * dt / p.tuning.baro_fix_s
+    g.scale_error2 *= max(1.0 - dt / p.tuning.baro_ratio_memory_s, 0.0)
+    climb, shown = fix.height - g.mean_fix_height, g.reading - g.mean_reading
+    difference, noise2 = climb - shown, c.gnss.noise_var[1] + c.gnss.bias_sigma[1] ** 2
+    if abs(difference) < p.tuning.baro_ratio_tolerance * abs(climb) + p.tuning.baro_fix_sigmas * math.sqrt(noise2):
+        return
+    if g.scale_error2 == 0.0:
+        add_variance(c, POSITION + 2, difference * difference)
+        add_variance(c, VELOCITY + 2, (difference / p.tuning.baro_fix_s) ** 2)
+        decorrelate(c, BARO_OFFSET, p.tuning.baro_offset_sigma**2)
+    g.scale_error2 = max(g.scale_error2, difference * difference / max(climb * climb, noise2))
 
 
 @kernel

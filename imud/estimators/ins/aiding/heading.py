@@ -22,7 +22,7 @@ from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..glr_tests.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
-from ..heading_boresight import begin_boresight, forget_boresight
+from ..heading_boresight import begin_boresight, forget_boresight, prior_variance, widen_unused_boresight
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
 from .heading_turns import add_heading_turn, forget_turns, turns_differently
@@ -93,13 +93,13 @@ def headings_per_error(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def distrust_compass(c: Core) -> None:
+def distrust_compass(p: Parameters, c: Core) -> None:
     """The way the vehicle moves contradicts the heading, and a compass gave it: it is not used until it agrees."""
     if c.heading_aid.last_ns != NEVER_NS:
         c.heading_aid.distrusted = 1
         c.heading_aid.agreeing_ns = NEVER_NS
     close_compass_offset(c)
-    forget_boresight(c)
+    forget_boresight(p, c)
     forget_turns(c)
 
 
@@ -123,7 +123,7 @@ def check_turns(p: Parameters, c: Core) -> bool:
     if c.heading_aid.distrusted or not turns_differently(p, c):
         return False
     gave_heading = is_unconfirmed(c)
-    distrust_compass(c)
+    distrust_compass(p, c)
     return gave_heading
 
 
@@ -165,17 +165,19 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
-        s = innovation_variance(c, length) + r + timing + p.tuning.heading_boresight_sigma**2
+        s = innovation_variance(c, length) + r + timing + prior_variance(p, c, m)
         check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
         gate = REJECT
     elif c.compass_offset.onset_ns == NEVER_NS:
         open_compass_offset(c, False)
     if not c.heading_aid.distrusted:
-        begin_boresight(p, c)
+        begin_boresight(p, c, m)
     shared = others * (r + rate * rate * c.scratch.age_variance)
     z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, COMPASS_AXIS)
     used = nis >= 0.0
     if used:
         correct_state(p, c)
         c.heading_aid.last_used_ns = m.t_ns
+    elif c.heading_aid.last_used_ns == NEVER_NS and not c.heading_aid.distrusted and not is_unconfirmed(c):
+        widen_unused_boresight(p, c)  # the heading was known before the compass came
     return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)

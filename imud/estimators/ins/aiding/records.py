@@ -71,6 +71,10 @@ BAROMETER = np.dtype(  # at the last reading
         ("ratio_height", "<f8"),
         ("reading2", "<f8"),  # m^2, sum of the squares of changes of the reading
         ("reading_height", "<f8"),  # m^2, sum of these changes times those of the height
+        ("fix_ns", "<i8"),  # epoch of the last fix with which it was compared
+        ("mean_fix_height", "<f8"),  # m, smoothed height of the fixes
+        ("mean_reading", "<f8"),  # m, smoothed reading at the fixes
+        ("scale_error2", "<f8"),  # square of the scale error that the fixes have shown; 0: none
     ],
     align=True,
 )
@@ -120,6 +124,7 @@ HEADING_AID = np.dtype(
         ("agreeing_ns", "<i8"),  # since when it has agreed again
         ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
         ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
+        ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
         ("turn_ns", "<i8"),  # when the interval began whose turn is compared
         ("turn_count", "<i8"),  # intervals before it
         ("turn_heading", "<f8"),  # rad, the last heading

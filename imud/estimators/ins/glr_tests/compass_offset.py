@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import variance
-from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS
+from ..heading_boresight import widen_boresight, widen_boresight_prior
+from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS, STATES
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -36,6 +37,13 @@ TUNABLES = (
         "",
         "Chi-square from which what such an offset does is part of the stated sigma of the heading.",
         "2.5 sigma.",
+    ),
+    Tunable(
+        "wide_boresight_chi2",
+        9.0,
+        "",
+        "Chi-square from which nothing is known of a boresight that was stated.",
+        "3 sigma: it is then estimated as one that was not stated.",
     ),
     Tunable("compass_offset_memory_s", 100.0, "s", "Time over which innovations are summed.", "Choice: some turns."),
     Tunable(
@@ -189,6 +197,32 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     )
     g.last_ns = c.nav.t_ns
     return 0.0
+
+
+@kernel
+def estimate_wide_boresight(p: Parameters, c: Core) -> bool:
+    """After a fix: gather in scratch.x what an unknown boresight would have made of its innovations, if they show it.
+
+    A boresight that was stated, and is contradicted, is an offset d of known sigma. Its estimate by the innovations is
+    taken out of the states, and what is left of d is part of P, C and M, as if it had been unknown from the start.
+    """
+    g = c.compass_offset
+    chi2 = chi2_beyond(g.information, g.vector, g.energy, g.count)
+    if g.onset_ns == NEVER_NS or c.heading_aid.boresight_variance == 0.0 or chi2 < p.tuning.wide_boresight_chi2:
+        return False
+    added = widen_boresight_prior(p, c)
+    if added == 0.0:
+        return False
+    information = g.information + 1.0 / added
+    d = g.vector / information
+    remove_fault(c, COMPASS_FAULT, d, 1.0 / math.sqrt(information))
+    widen_boresight(c, g.boresight_sensitivity, d, 1.0 / information)
+    rest = 1.0 / (added * information)  # of an offset, what is not taken out
+    for i in range(STATES):
+        set_sensitivity(c, i, COMPASS_FAULT, rest * c.faults.sensitivity[i, COMPASS_FAULT])
+    g.boresight_sensitivity *= rest
+    g.information = g.vector = g.energy = g.count = g.heading_variance = 0.0
+    return True
 
 
 @kernel

@@ -92,7 +92,7 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
         learned_with_it = is_unconfirmed(c) and c.heading_aid.boresight_variance > 0.0
-        distrust_compass(c)
+        distrust_compass(p, c)
         if learned_with_it:
             return False
         if sigma < p.tuning.max_start_heading:

@@ -153,8 +153,8 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     heading_boresight_sigma_deg: Annotated[
         Literal["auto"] | Annotated[float, number(0.001, 180.0, "deg")],
         Meta(
-            description="1 sigma of it; what it is off by is estimated in motion. `auto`: the sigma that a heading "
-            "reports of itself, at most 3; 3 if it reports none.",
+            description="1 sigma of it; what it is off by is estimated in motion. `auto`: 3, as of what is mounted by "
+            "eye. What a compass reports of itself is not how it is mounted.",
             extra=HOT,
         ),
     ] = "auto"

@@ -29,7 +29,6 @@ from .error_model import apply_transition
 from .state import ATTITUDE, COMPASS_AXIS, COMPASS_FAULT, NAVIGATING, STATES
 
 if TYPE_CHECKING:
-    from ..types import Measurement
     from .types import Core, Parameters, Transition
 
 TUNABLES = (
@@ -37,7 +36,7 @@ TUNABLES = (
         "unknown_boresight_sigma",
         math.radians(3.0),
         "rad",
-        "Sigma of the boresight of headings that report no sigma, or that motion has contradicted.",
+        "Sigma of a boresight of which the settings do not say it, or that motion has contradicted.",
         "Choice: mounting by eye.",
     ),
     Tunable(
@@ -51,21 +50,18 @@ TUNABLES = (
 
 
 @kernel
-def prior_variance(p: Parameters, c: Core, m: Measurement) -> float:
-    """Variance of the boresight before it is estimated, rad^2: of the settings, else by the heading's own sigma."""
-    sigma = p.heading_boresight_sigma
-    if sigma == 0.0:
-        unknown = p.tuning.unknown_boresight_sigma
-        sigma = min(m.sigma[0], unknown) if m.sigma[0] > 0.0 else unknown
-    return max(sigma * sigma, c.heading_aid.boresight_prior)
+def prior_variance(p: Parameters, c: Core) -> float:
+    """Variance of the boresight before it is estimated, rad^2: that of the settings, unless motion contradicted it."""
+    sigma = p.heading_boresight_sigma if p.heading_boresight_sigma > 0.0 else p.tuning.unknown_boresight_sigma
+    return float(max(sigma * sigma, c.heading_aid.boresight_prior))
 
 
 @kernel
-def begin_boresight(p: Parameters, c: Core, m: Measurement) -> None:
+def begin_boresight(p: Parameters, c: Core) -> None:
     """A heading comes: its boresight is estimated from now on."""
     g = c.heading_aid
     if g.boresight_variance == 0.0:
-        g.boresight_variance = g.boresight_prior = prior_variance(p, c, m)
+        g.boresight_variance = g.boresight_prior = prior_variance(p, c)
 
 
 @kernel

@@ -87,7 +87,7 @@ def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innova
     if (
         m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
     ):  # coarse alignment: the heading has an arbitrary origin, which this replaces
-        begin_boresight(p, c, m)
+        begin_boresight(p, c)
         if align_with_heading(p, c, heading_of(p, c, m), sigma_of(p, m)):
             share_boresight(c)
     if m.kind == BAROMETER_SOURCE:

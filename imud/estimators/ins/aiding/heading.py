@@ -165,13 +165,13 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
-        s = innovation_variance(c, length) + r + timing + prior_variance(p, c, m)
+        s = innovation_variance(c, length) + r + timing + prior_variance(p, c)
         check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
         gate = REJECT
     elif c.compass_offset.onset_ns == NEVER_NS:
         open_compass_offset(c, False)
     if not c.heading_aid.distrusted:
-        begin_boresight(p, c, m)
+        begin_boresight(p, c)
     shared = others * (r + rate * rate * c.scratch.age_variance)
     z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, COMPASS_AXIS)
     used = nis >= 0.0

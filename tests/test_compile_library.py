@@ -231,6 +231,23 @@ def test_numba_on_request():
     assert (ended.stdout, ended.stderr) == ("None\n", "")
 
 
+def test_a_program_that_locks_the_folder_for_ever_does_not_stop_the_build(tmp_path):
+    for name in ("locked", "free"):
+        (tmp_path / name).mkdir()
+    code = """
+import fcntl, os, signal, sys
+from pathlib import Path
+from imud.compile import rebuild
+signal.alarm(60)  # ends a wait without end
+held = os.open(Path(sys.argv[1], "locked"), os.O_RDONLY)
+fcntl.flock(held, fcntl.LOCK_SH)
+rebuild.LOCK_S = 0.0
+rebuild._in_a_process = lambda output: output.touch()
+print(rebuild.rebuild([Path(sys.argv[1], name, "kernels.so") for name in ("locked", "free")]))
+"""
+    assert run(str(tmp_path), code=code).stdout == f"{tmp_path / 'free' / 'kernels.so'}\n"
+
+
 @pytest.mark.thorough
 def test_where_the_package_cannot_be_written_it_is_in_the_cache(built, tmp_path):
     installed = tmp_path / "package"

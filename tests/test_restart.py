@@ -160,6 +160,12 @@ def test_it_is_kept_where_a_file_can_be_made(folder, monkeypatch):
     assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"here"
 
 
+def test_a_port_whose_path_is_no_utf_8_has_one(folder):
+    checkpoint_file.save(SENSOR, "/dev/\udcff", b"here")
+    assert checkpoint_file.take(SENSOR, "/dev/\udcfe", 10**9) == b""
+    assert checkpoint_file.take(SENSOR, "/dev/\udcff", 10**9) == b"here"
+
+
 @pytest.mark.parametrize("asked", [("another sensor", PORT, 10**9), (SENSOR, "/dev/ttyUSB1", 10**9), (SENSOR, PORT, 0)])
 def test_of_another_sensor_port_or_time_there_is_none(folder, asked):
     assert checkpoint_file.take(*asked) == b""

@@ -63,8 +63,12 @@ _OPENERS: dict[str, Callable[[PortSpec], Line]] = {"spi": SpiPort, "replay": _re
 
 
 def check_port(spec: PortSpec) -> None:
-    """Check a port without opening it. Raises the errors of `imud.drivers.errors`."""
-    if spec.path.partition(":")[0] not in _OPENERS:
+    """Check a port without opening it; waits for a server's address. Raises the errors of `imud.drivers.errors`."""
+    if spec.server is not None:
+        from .tcp import look_up
+
+        look_up(*spec.server[:2])
+    elif spec.path.partition(":")[0] not in _OPENERS:
         present(spec.path)
 
 

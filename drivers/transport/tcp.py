@@ -1,22 +1,57 @@
 """A connection to a gpsd: `gpsd://HOST[:PORT][/DEVICE]`. Neither connecting nor reading ever blocks."""
 
+import _thread
+import contextlib
 import errno
 import os
 import socket
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 from ..errors import PortAbsentError, PortLostError
 from .descriptor import DescriptorPort
 from .portspec import PortSpec
 
+_found: dict[tuple[str, int], list[tuple[int, Any]] | OSError] = {}  # by host and port
+_asked: set[tuple[str, int]] = set()  # whose addresses a thread looks up
 
-@cache
-def _resolve(host: str, port: int) -> list[tuple[int, Any]]:
-    """Families and addresses of a host, looked up once. A name that the machine does not know itself may take long."""
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+
+def _resolve(host: str, port: int, flags: int = 0) -> list[tuple[int, Any]]:
+    """Families and addresses of a host."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=flags)
     return [(family, address) for family, _, _, _, address in found]
+
+
+def look_up(host: str, port: int) -> None:
+    """Look up the addresses of a host, for `connect`; waits for a name server, which may not answer for a minute."""
+    try:
+        _found[host, port] = _resolve(host, port)
+    except OSError as error:
+        _found[host, port] = error
+    except UnicodeError:  # such as an empty part of a name, as in `a..b`
+        _found[host, port] = socket.gaierror(socket.EAI_NONAME, "no host can have that name")
+    finally:
+        _asked.discard((host, port))
+
+
+def _addresses(host: str, port: int) -> list[tuple[int, Any]]:
+    """Families and addresses of a host. Raises OSError, BlockingIOError while a thread looks them up."""
+    with contextlib.suppress(socket.gaierror, UnicodeError):
+        return _resolve(host, port, socket.AI_NUMERICHOST)  # numbers need no name server
+    key = host, port
+    if key not in _asked and key not in _found:
+        _asked.add(key)
+        try:
+            _thread.start_new_thread(look_up, key)
+        except RuntimeError as error:  # the limit of threads, or of memory
+            _asked.discard(key)
+            raise OSError(errno.EAGAIN, str(error)) from error
+    if key in _asked:
+        raise BlockingIOError(errno.EAGAIN, "its address is being looked up")
+    if isinstance(found := _found[key], OSError):
+        del _found[key]  # the next attempt looks it up anew
+        raise found
+    return found
 
 
 def _connect(family: int, address: Any) -> tuple[socket.socket, int]:
@@ -30,12 +65,12 @@ def _connect(family: int, address: Any) -> tuple[socket.socket, int]:
 
 
 def connect(host: str, port: int) -> socket.socket:
-    """A connection that is made or being made; never blocks, but for names that the machine must ask for.
+    """A connection that is made or being made; never blocks.
 
-    Raises OSError.
+    Raises OSError, BlockingIOError while the host's address is being looked up.
     """
     number = errno.EHOSTUNREACH
-    for family, address in _resolve(host, port):
+    for family, address in _addresses(host, port):
         connection, number = _connect(family, address)
         if number == 0:
             return connection
@@ -59,6 +94,8 @@ class TcpPort(DescriptorPort):
         self._where = f"{host} port {port}"
         try:
             self._socket = connect(host, port)
+        except BlockingIOError as error:
+            raise PortAbsentError(self.path, f"{host}: {error.strerror}") from error
         except socket.gaierror as error:
             raise PortAbsentError(self.path, f"{host}: {error.strerror}: name a host that there is") from error
         except OSError as error:

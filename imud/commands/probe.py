@@ -13,7 +13,7 @@ from imud.drivers.errors import PortError, SpecError
 from imud.drivers.transport import iio_sysfs
 from imud.drivers.transport.dialogue_runner import run_dialogue
 from imud.drivers.transport.iio_polled import polled_sensors
-from imud.drivers.transport.line import open_line
+from imud.drivers.transport.line import check_port, open_line
 from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, UsageError
@@ -42,6 +42,7 @@ def candidates(root: Path = Path("/")) -> list[str]:
 def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
     """The device on the port: the identity's fields, or `problem` as text."""
     try:
+        check_port(spec)
         line = open_line(spec)
         try:
             found = run_dialogue(line, search(spec, readonly))

@@ -10,7 +10,7 @@ from imud.drivers.driver import Done, Identity, Service, ServiceDriver
 from imud.drivers.errors import PortError, SpecError
 from imud.drivers.registry import by_name, drivers
 from imud.drivers.transport.dialogue_runner import run_dialogue
-from imud.drivers.transport.line import KnownDevice, Line, open_line
+from imud.drivers.transport.line import KnownDevice, Line, check_port, open_line
 from imud.drivers.transport.portspec import PortSpec
 
 from ..daemon.ports import failure
@@ -47,6 +47,7 @@ def _listed(values: Sequence[int]) -> str:
 def run(args: argparse.Namespace) -> int:
     try:
         spec = PortSpec.parse(args.port)
+        check_port(spec)
         line = open_line(spec)
     except SpecError as error:
         raise UsageError(str(error)) from error

@@ -8,11 +8,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import build
 from .seal import ROOT, defect
+
+LOCK_S = 60.0  # after which the next folder is tried; a build takes some 15 s
 
 
 def rebuild(candidates: Sequence[Path]) -> Path:
@@ -40,13 +43,25 @@ def _locked(candidates: Sequence[Path]) -> Iterator[Path]:
         except OSError:
             continue
         try:
-            if os.access(path.parent, os.W_OK):
-                fcntl.flock(folder, fcntl.LOCK_EX)
+            if os.access(path.parent, os.W_OK) and _try_lock(folder):
                 yield path
                 return
         finally:
             os.close(folder)
     raise build.CannotBuildError(f"none of {', '.join(str(path) for path in candidates)} can be written")
+
+
+def _try_lock(folder: int) -> bool:
+    """Lock a folder, once another process has built there. Whoever may read it may lock it, too, and for ever."""
+    deadline_s = time.monotonic() + LOCK_S
+    while True:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() >= deadline_s:
+                return False
+        time.sleep(0.1)
 
 
 def _in_a_process(output: Path) -> None:

@@ -32,7 +32,7 @@ class _Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def save(sensor: str, port: str, checkpoint: bytes) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     now = time.monotonic_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-    header = _Header(sensor, port, boot_id(), *now, digest_of(checkpoint))
+    header = _Header(sensor, _printable(port), boot_id(), *now, digest_of(checkpoint))
     save_in(_folders(), _name(sensor, port), msgspec.json.encode(header) + b"\n" + checkpoint)
 
 
@@ -47,7 +47,7 @@ def take(sensor: str, port: str, max_age_ns: int) -> bytes:
             header = msgspec.json.decode(head, type=_Header)
             age_ns = time.monotonic_ns() - header.monotonic_ns
             suspended_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - header.boottime_ns - age_ns
-            same = (header.sensor, header.port, header.boot_id) == (sensor, port, boot_id())
+            same = (header.sensor, header.port, header.boot_id) == (sensor, _printable(port), boot_id())
             intact = header.digest == digest_of(checkpoint)
             if same and intact and 0 <= age_ns <= max_age_ns and suspended_ns <= _SUSPENDED_NS and not found:
                 found = checkpoint
@@ -65,6 +65,11 @@ def _remove_unused(folder: Path) -> None:
 
 def _folders() -> list[Path]:
     return [*folders_for("runtime"), *folders_for("state")]
+
+
+def _printable(port: str) -> str:
+    """The path of a port as JSON can hold it: a path may have bytes that are no UTF-8."""
+    return port.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 @functools.lru_cache(maxsize=4)

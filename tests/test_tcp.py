@@ -1,0 +1,94 @@
+"""Connections to servers by name: a name server that does not answer must not stop the daemon."""
+
+import socket
+import threading
+import time
+
+import pytest
+
+from imud.daemon.corrections import Corrections
+from imud.drivers.errors import PortAbsentError
+from imud.drivers.transport import tcp
+from imud.drivers.transport.line import check_port, open_line
+from imud.drivers.transport.portspec import PortSpec
+
+NONE = socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+SECOND = 10**9
+
+
+@pytest.fixture
+def name_server(monkeypatch):
+    """Answers once its event is set, with what `found` holds; nobody waits longer than a minute for it."""
+
+    class NameServer:
+        answers, asked, found = threading.Event(), 0, NONE
+
+        def look_up(self, host, port, flags=0, **_):
+            if flags & socket.AI_NUMERICHOST:
+                raise NONE
+            self.asked += 1
+            self.answers.wait(60.0)
+            if isinstance(self.found, OSError):
+                raise self.found
+            return [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (self.found, port))]
+
+    server = NameServer()
+    monkeypatch.setattr(socket, "getaddrinfo", server.look_up)
+    monkeypatch.setattr(tcp, "_found", {})
+    yield server
+    server.answers.set()
+
+
+def until_answered(host, port):
+    deadline = time.monotonic() + 30.0
+    while (host, port) in tcp._asked:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def test_a_name_server_that_does_not_answer_stops_neither_corrections_nor_ports(name_server):
+    corrections = Corrections("base.example:2101")
+    assert corrections.read(0) == b""
+    assert "its address is being looked up" in corrections.properties(0)["state"]
+    assert ("base.example", 2101) in tcp._asked, "it has waited for the name server"
+    spec = PortSpec.parse("gpsd://boat.example")
+    for _ in range(3):
+        with pytest.raises(PortAbsentError, match=r"boat\.example: its address is being looked up"):
+            open_line(spec)
+    assert ("boat.example", 2947) in tcp._asked
+    name_server.answers.set()
+    until_answered("base.example", 2101)
+    until_answered("boat.example", 2947)
+    assert name_server.asked == 2
+    with pytest.raises(PortAbsentError, match="Name or service not known: name a host that there is"):
+        open_line(spec)
+    corrections.read(60 * SECOND)
+    assert "Name or service not known" in corrections.properties(0)["state"]
+
+
+def test_a_name_is_asked_for_again_after_a_failure_and_not_after_an_answer(name_server):
+    name_server.answers.set()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        spec = PortSpec.parse(f"gpsd://boat.example:{port}")
+        check_port(spec)
+        with pytest.raises(PortAbsentError, match="Name or service not known"):
+            open_line(spec)
+        name_server.found = "127.0.0.1"
+        name_server.answers.clear()
+        with pytest.raises(PortAbsentError, match="being looked up"):
+            open_line(spec)
+        name_server.answers.set()
+        until_answered("boat.example", port)
+        for _ in range(2):
+            open_line(spec).close()
+        assert name_server.asked == 2
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 70 + ".example"])
+def test_what_can_be_no_name_is_a_message(host, monkeypatch):
+    monkeypatch.setattr(tcp, "_found", {})
+    spec = PortSpec.parse(f"gpsd://{host}")
+    check_port(spec)
+    with pytest.raises(PortAbsentError, match="no host can have that name"):
+        open_line(spec)

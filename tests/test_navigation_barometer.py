@@ -137,4 +137,4 @@ def test_a_right_barometer_on_a_drone_keeps_its_weight(seed):
     filter_ = new_filter("navigation", samples, settings_of("barometer", "drone"))
     rows = SOURCES["barometer"](d, np.random.default_rng(100 + seed))
     play(filter_, samples.copy(), fixes, lambda block: None, aiding=rows)
-    assert filter_.state["core"][0, 0]["barometer"]["scale_error2"] == 0.0
+    assert filter_.state["core"][0, 0]["barometer"]["scale_error2_by_fixes"] == 0.0

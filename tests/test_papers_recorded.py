@@ -142,14 +142,15 @@ def test_what_a_paper_cannot_use_is_named(tmp_path):
     assert main(["reproduce", "farrell", "--data", short]) == 0  # and says that it is too short
 
 
-def test_the_page_of_a_recording_has_a_table_whose_columns_align(tmp_path, capsys):
+def test_the_page_of_a_recording_has_a_table_whose_columns_align(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("imud.commands.reproduce._PAGE", 1000)  # columns: a line for each row
     pytest.importorskip("plotly", reason="figures need the extra imud[plots]")
     file = imu_csv(tmp_path / "imu.csv", at_rest(60.0))
     assert main(["reproduce", "farrell", "--data", file, *G350, "-o", str(tmp_path)]) == 0
     page = (tmp_path / "farrell.html").read_text()
     text = capsys.readouterr().out.splitlines()
     rows = page.split("<tbody>")[1].split("</tbody>")[0].split("</tr>")[:-1]
-    assert len(rows) == len(text) - 4  # title, blank line, head, rule
+    assert len(rows) == len(text) - 6  # title, blank line, head, rule; blank line, legend
     assert all(row.count("<td>") == 4 for row in rows)
     assert page.count("<th>") == 4
 

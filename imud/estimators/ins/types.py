@@ -345,7 +345,7 @@ class Barometer:
     fix_ns: int
     mean_fix_height: float
     mean_reading: float
-    scale_error2: float
+    scale_error2_by_fixes: float
 
 
 class ExternalAid:

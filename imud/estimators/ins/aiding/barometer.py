@@ -135,12 +135,12 @@ def scale_error2(p: Parameters, c: Core, m: Measurement) -> float:
         g.reading_height = keep * g.reading_height + (reading * height if changed else 0.0)
         g.ratio_ns, g.ratio_reading, g.ratio_height = m.t_ns, m.value[0], c.nav.height
     if not g.reading2 > 0.0:
-        return float(g.scale_error2)
+        return float(g.scale_error2_by_fixes)
     ratio = g.reading_height / g.reading2  # of the height to the reading, which is precise
     noise = p.tuning.baro_ratio_noise / math.sqrt(g.reading2)
     wrong = abs(ratio - 1.0) >= p.tuning.baro_ratio_tolerance + 3.0 * noise
     found = (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2 if wrong else 0.0
-    return float(max(found, g.scale_error2))
+    return float(max(found, g.scale_error2_by_fixes))
 
 
 @kernel
@@ -159,16 +159,16 @@ def compare_heights(p: Parameters, c: Core, fix: Fix) -> None:
     g.fix_ns = fix.t_ns
     g.mean_fix_height += (fix.height - g.mean_fix_height) * dt / p.tuning.baro_fix_s
     g.mean_reading += (g.reading - g.mean_reading) * dt / p.tuning.baro_fix_s
-    g.scale_error2 *= max(1.0 - dt / p.tuning.baro_ratio_memory_s, 0.0)
+    g.scale_error2_by_fixes *= max(1.0 - dt / p.tuning.baro_ratio_memory_s, 0.0)
     climb, shown = fix.height - g.mean_fix_height, g.reading - g.mean_reading
     difference, noise2 = climb - shown, c.gnss.noise_var[1] + c.gnss.bias_sigma[1] ** 2
     if abs(difference) < p.tuning.baro_ratio_tolerance * abs(climb) + p.tuning.baro_fix_sigmas * math.sqrt(noise2):
         return
-    if g.scale_error2 == 0.0:
+    if g.scale_error2_by_fixes == 0.0:
         add_variance(c, POSITION + 2, difference * difference)
         add_variance(c, VELOCITY + 2, (difference / p.tuning.baro_fix_s) ** 2)
         decorrelate(c, BARO_OFFSET, p.tuning.baro_offset_sigma**2)
-    g.scale_error2 = max(g.scale_error2, difference * difference / max(climb * climb, noise2))
+    g.scale_error2_by_fixes = max(g.scale_error2_by_fixes, difference * difference / max(climb * climb, noise2))
 
 
 @kernel

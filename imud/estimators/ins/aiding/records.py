@@ -74,7 +74,7 @@ BAROMETER = np.dtype(  # at the last reading
         ("fix_ns", "<i8"),  # epoch of the last fix with which it was compared
         ("mean_fix_height", "<f8"),  # m, smoothed height of the fixes
         ("mean_reading", "<f8"),  # m, smoothed reading at the fixes
-        ("scale_error2", "<f8"),  # square of the scale error that the fixes have shown; 0: none
+        ("scale_error2_by_fixes", "<f8"),  # square of the scale error that the fixes have shown; 0: none
     ],
     align=True,
 )

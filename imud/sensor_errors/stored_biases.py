@@ -17,6 +17,7 @@ from .calibration import Triple
 from .profiles import Profile
 
 MAX_AGE_S = 60.0  # a restart takes seconds
+MAX_GYRO_RADPS, MAX_ACCEL_MPS2 = 1.0, 10.0  # no sensor has biases that large
 INFLATION = 2.0  # factor of the standard deviations: the temperature may have changed, the filter be wrong
 ACCEL_BIAS_WALK_S = 100.0  # in which the accelerometer's bias may change by its instability; the gyro's: in 1 s
 
@@ -31,9 +32,10 @@ class Biases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_plausible(self) -> bool:
-        """Whether all are numbers, and all standard deviations positive."""
-        sigmas = self.gyro_sigma_radps + self.accel_sigma_mps2
-        return all(map(math.isfinite, self.gyro_radps + self.accel_mps2)) and all(0.0 < s < math.inf for s in sigmas)
+        """Whether a sensor may have them, and all standard deviations are positive."""
+        gyro, accel = self.gyro_radps + self.gyro_sigma_radps, self.accel_mps2 + self.accel_sigma_mps2
+        small = all(abs(x) < MAX_GYRO_RADPS for x in gyro) and all(abs(x) < MAX_ACCEL_MPS2 for x in accel)
+        return small and all(s > 0.0 for s in self.gyro_sigma_radps + self.accel_sigma_mps2)
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

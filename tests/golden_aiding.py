@@ -72,6 +72,26 @@ def compass_mounted_wrong_though_known():
 
 
 @golden("navigation")
+def compass_mounted_wrong_without_boresight():
+    """By 10 deg, where no boresight explains it: what it has done to the estimate is removed, and it is left out."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(10.0)
+    tuning = {"unknown_boresight_sigma": 1e-3}
+    return replace(navigated(*data(d, seed=58), tuning=tuning), measurements=rows)
+
+
+@golden("navigation")
+def compass_that_comes_under_way():
+    """Mounted wrong by 10 deg, beside a boresight that is stated to be known: its first heading is outside the gate."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(10.0)
+    known = Aiding(heading_boresight_sigma_deg=0.06)
+    return replace(navigated(*data(d, seed=58), aiding=known), measurements=rows[rows["t_ns"] > 150e9])
+
+
+@golden("navigation")
 def compass_in_wrong_units_on_the_spot():
     """Radians taken for degrees: the headings do not turn with the vehicle."""
     d = turned(road(90.0, rest=1e3), 2.0 * np.sin(0.3 * np.maximum(np.arange(90 * RATE) / RATE - 20.0, 0.0)))
@@ -258,6 +278,13 @@ def barometer():
     rows["value"][(t > 50.0) & (t < 52.0), 0] -= 8.0
     rows["value"][t > 80.0, 0] += 12.0
     return replace(navigated(*data(d, seed=68)), measurements=rows)
+
+
+@golden("navigation")
+def barometer_in_an_outage():
+    """A window is opened, and there are no fixes to show it."""
+    still = barometer()
+    return replace(still, fixes=still.fixes[still.fixes["t_ns"] < 175e9])
 
 
 @golden("navigation")

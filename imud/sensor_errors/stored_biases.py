@@ -17,7 +17,7 @@ from .calibration import Triple
 from .profiles import Profile
 
 MAX_AGE_S = 60.0  # a restart takes seconds
-MAX_GYRO_RADPS, MAX_ACCEL_MPS2 = 1.0, 10.0  # no sensor has biases that large
+MAX_GYRO_RADPS, MAX_ACCEL_MPS2 = 10.0, 100.0  # no sensor has biases, or standard deviations of them, that large
 INFLATION = 2.0  # factor of the standard deviations: the temperature may have changed, the filter be wrong
 ACCEL_BIAS_WALK_S = 100.0  # in which the accelerometer's bias may change by its instability; the gyro's: in 1 s
 

@@ -115,6 +115,7 @@ def test_a_reading_beyond_a_learned_range_shows_that_it_was_none():
     assert not flags[11 * RATE :].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 285.0, 1000.0])
 def test_smooth_motion_is_not_clipped(rate_hz):
     for seed in range(20):

@@ -83,6 +83,7 @@ FAULTS = {  # of the second sensor from 15 s on: what disagrees
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("which", [0, 1])
 def test_at_rest_gravity_says_which_of_two_is_wrong(which, fault):

@@ -120,6 +120,7 @@ def test_attitude_on_a_turntable():
     assert (mean_of(squares, YAW) < 1.5).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("grade", [M_G350, CONSUMER], ids=["m-g350", "consumer-mems"])
 @pytest.mark.parametrize("scenario", ["car", "figure8", "circle"])
 def test_attitude_on_a_vehicle(scenario, grade):

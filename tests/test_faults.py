@@ -233,6 +233,7 @@ EACH = ("cut", "flip", "drop", "dup", "header", "cr", "junk")
 TOGETHER = ",".join(f"{name}=0.006" for name in EACH)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "faults"),
     [("g350", f"{kind}=0.03") for kind in EACH]

@@ -112,6 +112,7 @@ def drifts(d, out):
     return np.hypot(*(p[-1] - p[8000])[:2])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("body", [False, True])
 def test_velocities_hold_the_position_of_a_free_craft_in_an_outage_of_two_minutes(body):
     with_it, without = [], []

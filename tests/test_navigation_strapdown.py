@@ -61,6 +61,7 @@ def earth_centred(lat, lon, height, v, attitude, w, f, dt, substeps=4):
     return la, lo, ht, ned_of(la, lo) @ u, Rotation.from_matrix(ned_of(la, lo)) * c
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lat", [-0.9, 0.3, 1.2])
 def test_agrees_with_an_earth_centred_mechanization_under_hard_motion(lat):
     rng = np.random.default_rng(1)

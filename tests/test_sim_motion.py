@@ -154,6 +154,7 @@ def test_rate_is_the_derivative_of_attitude_in_inertial_space(name):
         assert x.w_ib_b[1] == pytest.approx(w_eb_b + c_eb[1].T @ [0.0, 0.0, RATE], abs=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["car", "figure8"])
 def test_strapdown_in_inertial_space_follows_the_truth(name):
     """1 kHz over 60 s: quaternion and position integrated in ECI; nothing shared with the truth's NED equations."""

@@ -210,7 +210,13 @@ def test_what_the_filter_estimates_is_not_read_from_another_program(tmp_path):
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "other"))
         server.listen()
-        thread = threading.Thread(target=lambda: server.accept()[0].sendall(b'{"class":"ERROR"}\r\n[]\r\n'))
+
+        def answer():
+            with server.accept()[0] as asked:
+                asked.recv(64)
+                asked.sendall(b'{"class":"ERROR"}\r\n[]\r\n')
+
+        thread = threading.Thread(target=answer)
         thread.start()
         with pytest.raises(client.ProtocolError, match="does not answer as imud"):
             client.filter_states(tmp_path / "other")

@@ -64,7 +64,7 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
         emulator("g350", "nmea", "--scenario", "car", links=[tmp_path / "imu", tmp_path / "gnss"]),
         daemon(tmp_path, "--port", imu, "--port", gnss, "--port", absent, "--estimator", "navigation") as imud,
     ):
-        imud.until(lambda m: m["class"] == "EST" and "position" in m["state"])
+        imud.until(lambda m: m["class"] == "EST" and {"attitude", "position"} <= set(m["state"].split(",")))
         address = str(tmp_path / "gpsd.sock")
         asked = 0
         while not tells_all(first := json.loads(ask("--json", address))):

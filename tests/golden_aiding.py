@@ -52,43 +52,38 @@ def compass_in_wrong_units():
     return replace(navigated(*data(d, seed=56)), measurements=rows)
 
 
-@golden("navigation")
-def compass_mounted_wrong():
-    """By 10 deg: what it has done to the estimate is removed."""
+def mounted_wrong(boresight_sigma_deg="auto", from_s=0.0, **tuning):
+    """A compass that is mounted wrong by 10 deg, and comes from that time on."""
     d = road(80.0, rest=15.0)
     rows = headings(d, seed=57)
     rows["value"][:, 0] += np.radians(10.0)
-    return replace(navigated(*data(d, seed=58)), measurements=rows)
+    aiding = Aiding(heading_boresight_sigma_deg=boresight_sigma_deg)
+    recording = navigated(*data(d, seed=58), aiding=aiding, tuning=tuning)
+    return replace(recording, measurements=rows[rows["t_ns"] > (100.0 + from_s) * 1e9])
+
+
+@golden("navigation")
+def compass_mounted_wrong():
+    """It is estimated as a boresight."""
+    return mounted_wrong()
 
 
 @golden("navigation")
 def compass_mounted_wrong_though_known():
-    """By 10 deg, beside a boresight that is stated to be exact: what it has done to the estimate is removed."""
-    d = road(80.0, rest=15.0)
-    rows = headings(d, seed=57)
-    rows["value"][:, 0] += np.radians(10.0)
-    known = Aiding(heading_boresight_sigma_deg=0.06)
-    return replace(navigated(*data(d, seed=58), aiding=known), measurements=rows)
+    """Motion contradicts the boresight that is stated: it is estimated as one of which nothing was known."""
+    return mounted_wrong(boresight_sigma_deg=0.06)
 
 
 @golden("navigation")
 def compass_mounted_wrong_without_boresight():
-    """By 10 deg, where no boresight explains it: what it has done to the estimate is removed, and it is left out."""
-    d = road(80.0, rest=15.0)
-    rows = headings(d, seed=57)
-    rows["value"][:, 0] += np.radians(10.0)
-    tuning = {"unknown_boresight_sigma": 1e-3}
-    return replace(navigated(*data(d, seed=58), tuning=tuning), measurements=rows)
+    """No boresight explains it: what it has done to the estimate is removed, and it is left out."""
+    return mounted_wrong(unknown_boresight_sigma=1e-3)
 
 
 @golden("navigation")
 def compass_that_comes_under_way():
-    """Mounted wrong by 10 deg, beside a boresight that is stated to be known: its first heading is outside the gate."""
-    d = road(80.0, rest=15.0)
-    rows = headings(d, seed=57)
-    rows["value"][:, 0] += np.radians(10.0)
-    known = Aiding(heading_boresight_sigma_deg=0.06)
-    return replace(navigated(*data(d, seed=58), aiding=known), measurements=rows[rows["t_ns"] > 150e9])
+    """Its first heading is outside the gate."""
+    return mounted_wrong(boresight_sigma_deg=0.06, from_s=50.0)
 
 
 @golden("navigation")

@@ -123,7 +123,7 @@ TUNABLES = (
         "level_force_time_s",
         1.0,
         "s",
-        "Time constant of the average by which a level force is told from noise.",
+        "Time constant of the average by which a level force is distinguished from noise.",
         "A manoeuvre of a multicopter.",
     ),
     Tunable(

@@ -130,7 +130,7 @@ PARAMETERS = np.dtype(
         ("lever_arm_is_set", "<i8"),  # 1: by the user, or its sigma
         ("lever_arm_sigma", "<f8"),  # m, of each of its components; 0: they are not estimated
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
-        ("heading_boresight_sigma", "<f8"),  # rad; 0: by the sigma that a heading reports
+        ("heading_boresight_sigma", "<f8"),  # rad; 0: not given
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
         ("track_width", "<f8"),  # m, between the two wheels; 0: not known
         ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body

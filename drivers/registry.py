@@ -7,9 +7,12 @@ a device is to be found, so that a start does not wait for that.
 import importlib
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from .driver import AnyDriver
 from .plugins import plugins
+
+if TYPE_CHECKING:
+    from .driver import AnyDriver
 
 
 @cache
@@ -20,7 +23,7 @@ def _folders() -> frozenset[str]:
 
 
 @cache
-def plugged_in() -> dict[str, AnyDriver]:
+def plugged_in() -> dict[str, "AnyDriver"]:
     """The drivers of plug-ins, by name."""
     return {driver.name: driver for driver in plugins("imud.drivers").values() if driver.name not in _folders()}
 
@@ -31,7 +34,7 @@ def names() -> tuple[str, ...]:
     return tuple(sorted((*_folders(), *plugged_in())))
 
 
-def by_name(name: str) -> AnyDriver:
+def by_name(name: str) -> "AnyDriver":
     """The driver called `name`. Raises KeyError with the names there are."""
     if name not in names():
         raise KeyError(f"no driver {name!r}; there are: {', '.join(names())}")
@@ -42,6 +45,6 @@ def by_name(name: str) -> AnyDriver:
 
 
 @cache
-def drivers() -> tuple[AnyDriver, ...]:
+def drivers() -> tuple["AnyDriver", ...]:
     """All drivers, by name."""
     return tuple(map(by_name, names()))

@@ -37,6 +37,7 @@ from typing import Final, NamedTuple
 
 MAGIC: Final = b"IMUD"
 VERSION: Final = 1
+GPSD_ADDRESS: Final = "127.0.0.1:2947"  # the default of `gpsd.listen`
 FIELDS: Final = (  # name, what C and `struct` call it, how many, what it is
     ("magic", "char", 4, '"IMUD"'),
     ("version", "uint16_t", 1, "of this layout: 1"),
@@ -295,7 +296,7 @@ def latest(path: str | Path) -> State | None:
         shared.close()
 
 
-def filter_states(address: str | Path = "127.0.0.1:2947", timeout_s: float = 5.0) -> dict[str, float]:
+def filter_states(address: str | Path = GPSD_ADDRESS, timeout_s: float = 5.0) -> dict[str, float]:
     """What the daemon's filter estimates beside its solution now, by the columns of states.csv; empty: nothing.
 
     Raises OSError, ValueError for what is no address, ProtocolError.

@@ -5,14 +5,10 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import Annotated
-
-import msgspec
 
 _FILE_MAX = 16 << 20  # bytes; the largest that imud keeps, a filter's checkpoint, has some 25 kB
 _OWN = {"cache": ".cache", "state": ".local/state"}
 _XDG = {"cache": "XDG_CACHE_HOME", "state": "XDG_STATE_HOME", "runtime": "XDG_RUNTIME_DIR"}
-StoredTime = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # ns; JSON knows integers of any length
 
 
 def folders_for(kind: str) -> list[Path]:

@@ -16,9 +16,10 @@ from test_navigation_odometer import readings
 from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Imu, Settings
 from imud.drivers.sample import MOUNTING_UNKNOWN
-from imud.estimators.filter_states import COVARIANCES, FILTER_STATES, STATES, OncePerPeriod, cells
+from imud.estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
 from imud.estimators.ins.state import STATES as ERROR_STATES
 from imud.estimators.records import FIX
+from imud.filter_state_names import COVARIANCES, STATES
 from imud.math.kalman import unpack
 from imud.tables.filter_states import FilterStates, write_states
 

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from imud.__main__ import _SELDOM_USED
 from imud.late_imports import imported_late
 
@@ -59,6 +61,39 @@ import colorsys
 print(colorsys.__name__)
 """
     assert output_of(code) == ["colorsys", "colorsys"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--version",),
+        ("--help",),
+        ("metrics",),  # a command that there is not
+        ("probe",),
+        ("probe", "--help"),
+        ("status", "--help"),
+        ("status", "/absent"),
+        ("web", "--help"),
+        ("foxglove", "--help"),
+        ("completion", "--help"),
+    ],
+    ids=" ".join,
+)
+def test_a_command_that_shows_something_small_loads_only_pythons_own_modules(arguments, tmp_path):
+    code = f"""
+import os, sys
+os.environ["IMUD_IIO_ROOT"] = {str(tmp_path)!r}
+sys.argv = ["imud", *{arguments!r}]
+from imud.__main__ import main
+from imud.commands import probe
+probe.candidates = list
+heavy = {{"numpy", "numba", "msgspec", "structlog", "serial", "typing_extensions"}}
+try:
+    main()
+finally:
+    print("imported", *(heavy & set(sys.modules)))
+"""
+    assert output_of(code)[-1] == "imported"
 
 
 def test_a_daemon_imports_none_of_them():

@@ -23,8 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 from imud.commands import replay_recordings
 from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
-from imud.estimators.filter_states import PLACES
 from imud.estimators.innovation_kinds import KINDS
+from imud.filter_state_names import PLACES
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE

@@ -19,8 +19,9 @@ from recorded import decoded, stored
 
 from imud.drivers.capture import Capture
 from imud.drivers.capture_messages import FORMAT, READS_FIELDS, Raw, Reads
-from imud.estimators.filter_states import COVARIANCES, FILTER_STATES
+from imud.estimators.filter_states import FILTER_STATES
 from imud.estimators.filter_states import STATES as FILTERED
+from imud.filter_state_names import COVARIANCES
 from imud.firmware_sim import recorded_bytes
 from imud.recording.messages import FIX_TABLE, SCHEMAS, TABLES
 from imud.recording.state_messages import STATES_FIELDS, states_message, states_rows

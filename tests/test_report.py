@@ -16,8 +16,9 @@ from imud.commands.report import distinct_labels, read
 from imud.commands.report.content import panels
 from imud.commands.report.findings import findings
 from imud.commands.report.session import Estimates, Part, Session, merged
-from imud.estimators.filter_states import FILTER_STATES, PLACES
+from imud.estimators.filter_states import FILTER_STATES
 from imud.estimators.records import ATTITUDE_VALID, FIX, INNOVATION, POSITION_N, POSITION_VALID, REJECTING, SOLUTION
+from imud.filter_state_names import PLACES
 from imud.tables.estimates import EstimateWriter, write_innovations
 from imud.tables.filter_states import write_states
 from imud.tables.inputs import IMU_COLUMNS

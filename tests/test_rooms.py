@@ -55,6 +55,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         "imud/__init__.py",
         "imud/client.py",
         "imud/errors.py",
+        "imud/filter_state_names.py",
         "imud/folders.py",
         "imud/late_imports.py",
         "imud/progress.py",

@@ -22,9 +22,9 @@ from imud.commands.status import innovations
 from imud.daemon.sigma_shares import SigmaShares
 from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
-from imud.estimators.filter_states import STATES
 from imud.estimators.innovation_kinds import KINDS
 from imud.estimators.records import ASSUMED, INNOVATION
+from imud.filter_state_names import STATES
 from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_objects import line
 from imud.sensors.rate import SECOND_NS, RateMeter, SampleRateMonitor

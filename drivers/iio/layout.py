@@ -16,9 +16,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 AXES = ("x", "y", "z")
 GYRO, FORCE = "anglvel", "accel"
 STAMP = "in_timestamp"
@@ -27,7 +24,6 @@ BITS_MAX = 62
 SCAN_MAX = 1024  # bytes
 NUMBER_MAX = float(1 << BITS_MAX)  # scales and offsets
 MILLI = 1e-3
-FRD = np.diag((1.0, -1.0, -1.0))  # from axes x forward, y left, z up
 ROTATION_TOLERANCE = 0.02  # of M M' from the unit matrix: device trees have two or three digits
 
 Attributes = Mapping[str, str]
@@ -169,12 +165,22 @@ def rotation_of(device: Attributes, quantity: str) -> tuple[Row, Row, Row]:
     numbers = re.findall(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", text)
     if len(numbers) != 9:
         raise LayoutError(f"its mount matrix {text!r} has not nine numbers")
-    matrix: NDArray[np.float64] = np.array(numbers, float).reshape(3, 3)
-    is_small = bool(np.abs(matrix).max() <= 1.0 + ROTATION_TOLERANCE)
-    if not is_small or np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
+    matrix = [[float(number) for number in numbers[place : place + 3]] for place in (0, 3, 6)]
+    if not _is_rotation(matrix):
         raise LayoutError(f"its mount matrix {text!r} is no rotation: mend it in the device tree or the ACPI table")
-    x, y, z = (tuple(row) for row in (FRD @ matrix).tolist())
-    return x, y, z
+    (a, b, c), (d, e, f), (g, h, k) = matrix
+    return (0.0 + a, 0.0 + b, 0.0 + c), (0.0 - d, 0.0 - e, 0.0 - f), (0.0 - g, 0.0 - h, 0.0 - k)  # and no -0.0
+
+
+def _is_rotation(matrix: Sequence[Sequence[float]]) -> bool:
+    """Whether its rows are of length 1 and right angles apart, as well as its digits allow, and it mirrors nothing."""
+    rows = range(3)
+    if max(abs(value) for row in matrix for value in row) > 1.0 + ROTATION_TOLERANCE:
+        return False
+    errors = [sum(a * b for a, b in zip(matrix[i], matrix[j], strict=True)) - (i == j) for i in rows for j in rows]
+    (a, b, c), (d, e, f), (g, h, k) = matrix
+    determinant = a * (e * k - f * h) + b * (f * g - d * k) + c * (d * h - e * g)
+    return max(map(abs, errors)) <= ROTATION_TOLERANCE and determinant > 0.0
 
 
 def layout_of(devices: Sequence[Attributes]) -> Layout:

@@ -4,7 +4,7 @@ import argparse
 import math
 from pathlib import Path
 
-from ..configuration.settings import Gpsd
+from ..client import GPSD_ADDRESS
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_live(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("stream", metavar="STREAM", help="the daemon's `stream.listen`, such as /run/imud/front.stream")
     parser.add_argument(
         "--gpsd",
-        default=Gpsd().listen,
+        default=GPSD_ADDRESS,
         metavar="ADDRESS",
         help="its gpsd socket, for the receiver's fixes and the status: HOST:PORT or /path (default: %(default)s)",
     )

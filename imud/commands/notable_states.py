@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..estimators.filter_states import STATES
+from ..filter_state_names import STATES
 
 _LABELS = {  # by kind
     "time_offset": "fixes late by",

@@ -7,13 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from imud.drivers.detect import search
-from imud.drivers.driver import Identity
 from imud.drivers.errors import PortError, SpecError
 from imud.drivers.transport import iio_sysfs
-from imud.drivers.transport.dialogue_runner import run_dialogue
 from imud.drivers.transport.iio_polled import polled_sensors
-from imud.drivers.transport.line import check_port, open_line
 from imud.drivers.transport.portspec import PortSpec
 
 from ..errors import DeviceAbsentError, UsageError
@@ -41,6 +37,11 @@ def candidates(root: Path = Path("/")) -> list[str]:
 
 def examine(spec: PortSpec, readonly: bool) -> dict[str, Any]:
     """The device on the port: the identity's fields, or `problem` as text."""
+    from imud.drivers.detect import search
+    from imud.drivers.driver import Identity
+    from imud.drivers.transport.dialogue_runner import run_dialogue
+    from imud.drivers.transport.line import check_port, open_line
+
     try:
         check_port(spec)
         line = open_line(spec)

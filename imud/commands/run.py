@@ -2,6 +2,7 @@
 
 import argparse
 
+from ..client import GPSD_ADDRESS
 from ..configuration.fields import replace
 from ..configuration.settings import Settings
 from ..daemon import simulated
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the errors of sim: devices (default 1)")
     parser.add_argument("--estimator", metavar="NAME", help="default: navigation with two ports, else attitude")
     parser.add_argument("--initial", metavar="KEY=V,…", help="known start: lat_deg=…,lon_deg=…,yaw_deg=…")
-    parser.add_argument("--listen", metavar="ADDR", help="gpsd JSON: HOST:PORT or /path (default 127.0.0.1:2947)")
+    parser.add_argument("--listen", metavar="ADDR", help=f"gpsd JSON: HOST:PORT or /path (default {GPSD_ADDRESS})")
     parser.add_argument("--rtcm", metavar="SOURCE", help="data of an RTK base for the receiver: HOST:PORT or a path")
     parser.add_argument("--record", metavar="MCAP", help="record everything: raw bytes, estimates, innovations, events")
     parser.add_argument(

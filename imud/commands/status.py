@@ -12,7 +12,7 @@ from itertools import zip_longest
 from typing import Any
 
 from .. import __version__
-from ..configuration.settings import Gpsd
+from ..client import GPSD_ADDRESS
 from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
 from ..outputs.addresses import PORT, Address, parse_address
 from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "address",
         nargs="?",
-        default=Gpsd().listen,
+        default=GPSD_ADDRESS,
         metavar="ADDRESS",
         help="where it listens: HOST[:PORT], or /path of a Unix socket (default %(default)s)",
     )

@@ -2,11 +2,8 @@
 
 from typing import Annotated
 
-from ..late_imports import hidden
-
-with hidden("typing_extensions"):  # which msgspec does without
-    import msgspec
-    from msgspec import Meta
+import msgspec
+from msgspec import Meta
 
 replace = msgspec.structs.replace  # for those who would otherwise be the first to import msgspec
 

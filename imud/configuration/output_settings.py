@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from ..client import GPSD_ADDRESS
 from .fields import MESSAGE_RATE_HZ, number, text
 
 _MB_MAX = 100_000_000
@@ -14,7 +15,7 @@ _YEAR_S = 31_622_400.0
 class Gpsd(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The gpsd JSON server."""
 
-    listen: Annotated[str, text("Where: HOST:PORT, [IPV6]:PORT or /path/of/a/unix/socket.")] = "127.0.0.1:2947"
+    listen: Annotated[str, text("Where: HOST:PORT, [IPV6]:PORT or /path/of/a/unix/socket.")] = GPSD_ADDRESS
     allow_remote: Annotated[bool, Meta(description="Let other machines connect; there is no password.")] = False
     rate_hz: Annotated[
         float, number(*MESSAGE_RATE_HZ, "Hz", "Messages per second to clients that do not say.", hot=True)

@@ -5,11 +5,13 @@ import os
 import re
 import socket
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-from imud.configuration.settings import Gpsd
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
+
+if TYPE_CHECKING:
+    from imud.configuration.settings import Gpsd
 
 PORT = 2947  # gpsd's
 _BACKLOG = 128
@@ -21,8 +23,7 @@ class AddressInUseError(CannotCreateError):
     """Another process listens there already."""
 
 
-@dataclass(frozen=True)
-class Address:
+class Address(NamedTuple):
     """A TCP address or the path of a Unix socket."""
 
     text: str
@@ -54,7 +55,7 @@ def parse_address(text: str, default_port: int) -> Address:
     return Address(_host_port(host, port), family, (host, port))
 
 
-def addresses_of(settings: Gpsd) -> list[Address]:
+def addresses_of(settings: "Gpsd") -> list[Address]:
     """The listening addresses. Raises ConfigError for a wrong syntax, and without allow_remote for remote access."""
     addresses = [parse_address(text, PORT) for text in settings.listen.split(",")]
     for address in addresses:

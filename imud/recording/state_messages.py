@@ -12,7 +12,8 @@ import numpy as np
 
 from imud.drivers.protobuf import FIXED64, Field, delimited, fields, single, tag
 
-from ..estimators.filter_states import COVARIANCES, FILTER_STATES, STATES
+from ..estimators.filter_states import FILTER_STATES
+from ..filter_state_names import COVARIANCES, STATES
 from ..math.arrays import Records
 
 _FIRST = 3  # number of the first state's value; that of its sigma is one more

@@ -8,7 +8,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -24,6 +24,7 @@ from ..math.rotation import dcm_of_quat, quat_of_euler
 from .magnetometer import REMAINING_T
 
 Triple = tuple[float, float, float]
+StoredTime = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # ns; JSON knows integers of any length
 Matrix = tuple[Triple, Triple, Triple]
 NOTHING: Triple = (0.0, 0.0, 0.0)
 MAX_MOUNTING_SIGMA_DEG = 10.0  # of one that counts as known

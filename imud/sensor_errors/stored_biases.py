@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders import StoredTime, boot_id, folders_for, read_file, save_in
-from .calibration import Triple
+from ..folders import boot_id, folders_for, read_file, save_in
+from .calibration import StoredTime, Triple
 from .profiles import Profile
 
 MAX_AGE_S = 60.0  # a restart takes seconds

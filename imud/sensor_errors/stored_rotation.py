@@ -12,9 +12,9 @@ import time
 import msgspec
 import numpy as np
 
-from ..folders import StoredTime, boot_id, folders_for, read_file, save_in
+from ..folders import boot_id, folders_for, read_file, save_in
 from ..math.arrays import Floats
-from .calibration import MAX_MOUNTING_SIGMA_DEG, Triple
+from .calibration import MAX_MOUNTING_SIGMA_DEG, StoredTime, Triple
 from .stored_biases import MAX_AGE_S
 
 GROWTH_DEG_PER_DAY = 1.0  # of the standard deviation: screws loosen, and somebody may have been at them

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CannotCreateError
-from ..estimators.filter_states import COVARIANCES, FILTER_STATES, OncePerPeriod, cells
+from ..estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
+from ..filter_state_names import COVARIANCES
 from ..math.arrays import Records
 from ..pipeline import Filter
 

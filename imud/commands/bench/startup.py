@@ -30,7 +30,6 @@ _SMALL = ("--version", "--help", "status", "probe")  # commands: status and prob
 _IMPORTS = "Python and numpy are most of it; then structlog, msgspec and the daemon's own modules"
 _RECEIVER = "with a receiver: the filter's 2 MB of rings, the receivers' drivers, the gpsd protocol"
 _PARSER = "it needs neither numpy nor a kernel, only Python and argparse"
-_DRIVERS = "the drivers of all devices are loaded, whose records are numpy's"
 _TABLE = "most of it is decimal text, in and out, of 60,000 rows"
 
 
@@ -136,8 +135,7 @@ def start(rounds: int, cold: bool) -> Section:
         section.add("import numpy", turns.median(0), "s")
         section.add("start to READY", turns.ratio(1, 0), "x", most=2.5, reason=_IMPORTS)
         for place, command in enumerate(_SMALL, 3):
-            most, reason = (1.5, _DRIVERS) if command == "probe" else (1.0, _PARSER)
-            section.add(f"imud {command}", turns.ratio(place, 0), "x", most=most, reason=reason)
+            section.add(f"imud {command}", turns.ratio(place, 0), "x", most=1.0, reason=_PARSER)
         section.add("imud replay of a minute, 1 kHz, CSV", turns.ratio(2, 0), "x", most=4.0, reason=_TABLE)
         section.add("memory when READY", statistics.median(memory_mb), "MB", most=40, reason=_IMPORTS)
         try:

@@ -4,7 +4,7 @@ import numpy as np
 
 from imud.figures import Figure, Panel, Trace
 
-from ...estimators.filter_states import STATES, FilterState
+from ...filter_state_names import STATES, FilterState
 from .session import TIME, Session
 from .settled import settled_range
 

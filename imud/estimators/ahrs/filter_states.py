@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from ...filter_state_names import PLACES
 from ...math.arrays import Records
-from ..filter_states import ATTITUDE_BLOCK, FILTER_STATES, PLACES, in_triangle
+from ..filter_states import ATTITUDE_BLOCK, FILTER_STATES, in_triangle
 from .state import ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_MATRIX, STATES, VELOCITY
 
 _AXES = "xyz"

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from ...filter_state_names import PLACES
 from ...math.arrays import Floats, Records
-from ..filter_states import FILTER_STATES, PLACES, in_triangle
+from ..filter_states import FILTER_STATES, in_triangle
 from ..records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE
 from .state import (
     ATTITUDE,

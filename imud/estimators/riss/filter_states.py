@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from ...filter_state_names import PLACES
 from ...math.arrays import Records
-from ..filter_states import FILTER_STATES, PLACES, in_triangle
+from ..filter_states import FILTER_STATES, in_triangle
 from ..records import ODOMETER_SOURCE
 from .state import FIX_NORTH, GYRO_SCALE, NORTH, STATES, WHEEL_SCALE
 

@@ -19,12 +19,12 @@ import fuzz_decoders
 import fuzz_dialogues
 import fuzz_files
 import msgspec
+from pyrtcm import calc_crc24q
 
 from imud import client
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.capture_messages import READS, Connection, Raw, Reads
 from imud.drivers.registry import by_name
-from imud.drivers.rtcm import crc24q
 from imud.errors import ConfigError, ImudError
 from imud.firmware_sim import fixes, ublox
 from imud.outputs.addresses import parse_address
@@ -201,7 +201,7 @@ _DOUBLES = (
     *(struct.pack("<d", number) for number in (math.nan, math.inf, 1e308, 5e-324, -1.0)),
     *(b"\xff" * 8, b"\0" * 7 + b"\x80"),
 )
-_RTCM = b"\xd3\0\2\x3e\xd0" + crc24q(b"\xd3\0\2\x3e\xd0").to_bytes(3, "big")
+_RTCM = b"\xd3\0\2\x3e\xd0" + calc_crc24q(b"\xd3\0\2\x3e\xd0").to_bytes(3, "big")
 _FEW = 40  # of those that take milliseconds
 _PORT = (b":", b"@", b"gpsd://", b"iio:", b"spi:", b"replay:", b"[", b"]", b"99999999999")
 SURFACES = {

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import socket
+import sys
 import time
 from collections import Counter
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from imud.daemon.corrections import STALE_NS, Corrections
 from imud.daemon.ports import Port
 from imud.drivers.driver import Options
 from imud.drivers.errors import PortLostError
-from imud.drivers.rtcm import RtcmFramer, crc24q
+from imud.drivers.rtcm import RtcmFramer
 from imud.drivers.transport.portspec import PortSpec
 from imud.errors import ConfigError
 
@@ -29,9 +30,31 @@ def frame(payload):
     return head + calc_crc24q(head).to_bytes(3, "big")
 
 
-@given(st.binary(max_size=300))
-def test_the_checksum_is_that_of_pyrtcm(data):
-    assert crc24q(data) == calc_crc24q(data)
+@given(st.binary(max_size=1023), st.integers(0, 8231))
+def test_a_frame_is_taken_if_its_checksum_is_that_of_pyrtcm_and_not_with_one_bit_changed(payload, bit):
+    data = bytearray(frame(payload))
+    assert list(RtcmFramer(Counter()).feed(bytes(data))) == [data]
+    data[bit // 8 % len(data)] ^= 1 << bit % 8
+    assert data not in list(RtcmFramer(Counter()).feed(bytes(data) + bytes(1030)))
+
+
+def test_bytes_of_which_every_second_may_begin_a_long_frame_cost_few_steps_each():
+    """A checksum for each of them would be 500 steps a byte, 60 ms for each reading of the loop."""
+    data, steps = b"\xd3\x03" * 4096, 0
+
+    def count(*_):
+        nonlocal steps
+        steps += 1
+        return count
+
+    framer, before = RtcmFramer(Counter()), sys.gettrace()
+    sys.settrace(count)
+    try:
+        found = list(framer.feed(data))
+    finally:
+        sys.settrace(before)
+    assert found == []
+    assert len(data) < steps < 20 * len(data)
 
 
 def test_whole_frames_come_through_among_anything_else():

@@ -105,6 +105,19 @@ def test_the_precision_is_that_of_the_line(unit, reader, jitter_s):
     output.close()
 
 
+@pytest.mark.parametrize("step_s", [0.0, 3600.0, -86_400.0, -1.7e9])
+def test_when_the_clock_has_been_set_the_precision_is_soon_that_of_the_line_again(unit, reader, monkeypatch, step_s):
+    output, start_ns, real_ns = ChronyOutput(unit), time.monotonic_ns(), time.time_ns
+    for k in range(64):
+        if k == 32:
+            monkeypatch.setattr(time, "time_ns", lambda: real_ns() + round(step_s * 1e9))
+        arrival_ns = start_ns + round(k * PERIOD_S * 1e9)
+        output.publish(replace(FIX, utc_s=FIX.utc_s + k * PERIOD_S, arrival_ns=arrival_ns), LATENCY_S)
+    assert reader()[-1] <= -3
+    assert reader()[7] == pytest.approx((real_ns() - time.monotonic_ns() + arrival_ns) * 1e-9 + step_s, abs=2.0)
+    output.close()
+
+
 @pytest.mark.parametrize(
     ("utc_s", "day", "now", "expected"),
     [

@@ -126,9 +126,13 @@ class ChronyOutput:
         memory.valid = 1
 
     def _precision(self, offset_s: float) -> int:
-        """log2 of the precision in s, from the change of the offset between two fixes."""
+        """log2 of the precision in s, from the change of the offset between two fixes.
+
+        A change of more than the coarsest precision is a step of a clock, as when chrony sets this machine's.
+        """
         if self._offset_s is not None:
-            self._jitter_s += _JITTER_GAIN * (abs(offset_s - self._offset_s) - self._jitter_s)
+            change_s = min(abs(offset_s - self._offset_s), 2.0**_COARSE)
+            self._jitter_s += _JITTER_GAIN * (change_s - self._jitter_s)
         self._offset_s = offset_s
         return max(_FINE, min(_COARSE, math.ceil(math.log2(max(self._jitter_s, 2.0**_FINE)))))
 

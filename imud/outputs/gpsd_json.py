@@ -117,11 +117,12 @@ _ATT = Numbers(
 
 
 def _att(view: View, s: State) -> str:
-    """Body axes FRD, specific force in m/s^2, gyros in deg/s, `rot` in deg/min; yaw without heading is relative."""
+    """Body axes FRD, specific force in m/s^2, gyros in deg/s, `rot` in deg/min."""
     roll, pitch, yaw = euler(s.q_nb) if s.status & ATTITUDE_VALID else NO_VECTOR
-    heading = yaw % 360.0 if s.status & HEADING_VALID else NAN
+    if not s.status & HEADING_VALID:
+        yaw = NAN
     rot = 60.0 * _turn_rate(roll, pitch, s.w)
-    numbers = _ATT(heading, yaw, pitch, roll, rot, math.hypot(*s.f), *s.f, *s.w, view.temperature)
+    numbers = _ATT(yaw % 360.0, yaw, pitch, roll, rot, math.hypot(*s.f), *s.f, *s.w, view.temperature)
     return f"{head('ATT', view)}{time_of(view)}{numbers}}}"
 
 

@@ -208,8 +208,8 @@ def test_a_daemon_is_aided_by_them_through_their_faults_and_the_recording_replay
         est = imud.until(lambda m: m["class"] == "EST" and "heading" in m["state"])
         assert est["yaw_deg"] == pytest.approx(0.0, abs=3.0 * est["syaw_deg"]) and est["syaw_deg"] < 15.0
         imud.says("iio:ak8975 cannot be read: Input/output error")
-        imud.says("no longer: barometer: stale")
-        imud.says("no longer: magnetometer: stale")
+        imud.says("has ended: barometer: stale")
+        imud.says("has ended: magnetometer: stale")
         command = [sys.executable, "-m", "imud", "status", "--json", str(tmp_path / "gpsd.sock")]
         status = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
         assert status["aiding"]["sources"]["barometer"]["received"] > 0

@@ -260,11 +260,18 @@ def test_what_the_filter_has_found_stands_in_one_row_with_its_sigma():
     found |= {f"gnss_bias_{axis}_m": 1.0 for axis in "ned"} | {f"sgnss_bias_{axis}_m": 0.6 for axis in "ned"}
     text = "fixes late by +0.153 ±0.012 s, pitch, yaw of the vehicle -0.31 +12.34 ±0.46°"
     assert list(status._states(found)) == [("found", text)]
+    found["time_offset_s"] = -0.158
+    assert list(status._states(found)) == [("found", text.replace("late by +0.153", "early by +0.158"))]
     found = dict.fromkeys([state.column for state in STATES], 100.0)
     found |= {f"s{name}": 1.0 for name in found}
     lines = list(status._states(found))
     assert len(lines) == 3 and all(len(line) <= 100 for _, line in lines)
     assert not list(status._states({})) and not list(status._states({"gnss_noise_vertical_m": 1.0}))
+
+
+def test_a_source_is_early_or_late():
+    assert list(status._estimates({"late_s": -0.3})) == ["  found: early by 0.30 s"]
+    assert list(status._estimates({"late_s": 0.3})) == ["  found: late by 0.30 s"]
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..filter_state_names import STATES
 
+_LATE = "time_offset_s"
 _LABELS = {  # by kind
     "time_offset": "fixes late by",
     "velocity_time_offset": "their velocity by another",
@@ -24,7 +25,10 @@ _NOTABLE = 2.0  # sigmas from zero
 
 def notable_states(found: Mapping[str, Any]) -> dict[str, str]:
     """Values and sigma by label; found: numbers by the names of states.csv."""
-    texts = {label: _state(found, kind) for kind, label in _LABELS.items()}
+    if early := found.get(_LATE, 0.0) < 0.0:
+        found = {**found, _LATE: -found[_LATE]}
+    labels = {**_LABELS, "time_offset": "fixes early by"} if early else _LABELS
+    texts = {label: _state(found, kind) for kind, label in labels.items()}
     return {label: text for label, text in texts.items() if text}
 
 

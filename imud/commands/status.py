@@ -199,7 +199,7 @@ def _estimates(source: Table) -> Iterator[str]:
     )
     texts = [form.format(source[key], source[sigma]) for key, sigma, form in forms if key in source]
     if "late_s" in source:
-        texts.append(f"late by {source['late_s']:.2f} s")
+        texts.append(f"{'early' if source['late_s'] < 0.0 else 'late'} by {abs(source['late_s']):.2f} s")
     if texts:
         yield "  found: " + ", ".join(texts)
     if "finding" in source:

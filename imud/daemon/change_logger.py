@@ -77,4 +77,4 @@ class ChangeLogger:
         for text in added:
             self._log.warning(text)
         for text in removed:
-            self._log.info(f"no longer: {text}")
+            self._log.info(f"has ended: {text}")

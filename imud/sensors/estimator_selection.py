@@ -75,11 +75,11 @@ class EstimatorSelection:
         return inertial
 
     def _begin(self, driver: ImuDriver, configured: ImuConfigured, settings: Settings) -> Inertial:
-        """The sensor with a new filter; the count of samples goes on."""
+        """The sensor with a new filter; the counts go on."""
         filter_ = Filter(self.estimator, settings, self._start(settings), configured.rate_hz)
         pipeline = InertialPipeline(driver, driver.new_state(configured), filter_)
         pipeline.record["count"] = self.inertial.samples if self.inertial else 0
-        return Inertial(pipeline)
+        return Inertial(pipeline, self.inertial.totals() if self.inertial else None)
 
     @staticmethod
     def _set_up(inertial: Inertial, settings: Settings, calibration: Calibration) -> None:

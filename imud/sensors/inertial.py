@@ -37,12 +37,13 @@ _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive 
 class Inertial:
     """An inertial sensor that streams into a filter."""
 
-    def __init__(self, pipeline: InertialPipeline) -> None:
+    def __init__(self, pipeline: InertialPipeline, before: Mapping[str, int] | None = None) -> None:
+        """before: the totals of the sensor that was in use before."""
         self.pipeline = pipeline
         self.silence_ns, self.stale_ns = SILENCE_NS, STALE_NS
         self.period_s = 0.0  # nominal, between samples
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
-        self._before = Counter[str]()  # counted in earlier connections
+        self._before = Counter[str](before or {})  # counted in earlier connections
         self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
         self.byte_sink: ByteSink | None = None
         self.has_gyros = self.has_quartz = False
@@ -202,6 +203,6 @@ class Inertial:
         return counted | (dict(self._line.counters) if self._line else {})
 
     def totals(self) -> dict[str, int]:
-        """The same of all connections together."""
+        """The same of all connections together, as `samples`."""
         now = self.counters()
         return {name: now.get(name, 0) + self._before[name] for name in {**self._before, **now}}

@@ -402,6 +402,30 @@ def test_a_chart_that_left_the_screen_and_came_back_between_two_frames_is_drawn(
         asyncio.run(look(url))
 
 
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+def test_the_track_is_broken_after_a_gap_and_where_a_fix_corrects_what_had_coasted(tmp_path):
+    """Points are at 0, 1, 2 s …; metres north. Joined they would be spikes."""
+    drawn = """(async () => {
+      const track = await import("/page/track.js?again"), place = document.createElement("div");
+      const other = { state: "", lon_deg: 10, vn_mps: 3, ve_mps: 0, sn_m: 1, se_m: 1 };
+      const at = (t, m) => track.follow({ ...other, t_mono_ns: t * 1e9, lat_deg: m / 110574 });
+      [[0, 0], [1, 3], [2, 6], [3, 60], [4, 63], [12, 66], [13, 69]].forEach(([t, m]) => at(t, m));
+      track.follow({ state: "aligning" }); at(14, 72);
+      document.body.prepend(place); track.makeTrack(place);
+      while (!place.data) await new Promise((later) => setTimeout(later, 50));
+      return place.data[0].y.map((y) => y === null ? null : Math.round(y)); })()"""
+
+    async def look(url):
+        async with browser(tmp_path / "profile") as page:
+            await page.open(url)
+            shown = await page.evaluate(drawn)
+            assert shown == [0, 3, 6, None, 60, 63, None, 66, 69, None, 72, 72]
+            assert page.errors == []
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(look(url))
+
+
 @pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_in_a_browser_it_renders_moves_records_and_survives_restarts(tmp_path):

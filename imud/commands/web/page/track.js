@@ -1,4 +1,5 @@
-// The track on a metric grid: metres north and east of the first position, with the ellipse that holds 95 %.
+// The track on a metric grid: metres north and east of the first position, with the ellipse that holds 95 %. The line is
+// broken where nothing moved so: after a gap, or where a fix has corrected an estimate that had coasted.
 
 import { DEG, colour } from "./draw.js";
 import { addPlot, axis } from "./plots.js";
@@ -8,6 +9,8 @@ const RADIUS_95 = Math.sqrt(-2 * Math.log(0.05)); // of a plane normal distribut
 const LEAST_S = 0.2;
 const MOST = 4000; // points; then every second one goes
 const LEAST_HALF_M = 5; // of the map
+const GAP_S = 3; // a receiver of one fix per second may be late
+const JUMP_M = 5; // beyond twice what the speed explains
 
 let origin = null, north = [], east = [], last = null, stride = LEAST_S;
 
@@ -23,15 +26,27 @@ export function follow(est) {
   const n = (est.lat_deg - origin.lat) * DEG * A * (1 - E2) / d ** 1.5;
   const turn = ((est.lon_deg - origin.lon + 540) % 360) - 180;
   const e = turn * DEG * (A / Math.sqrt(d)) * Math.cos(origin.lat * DEG);
-  last = { n, e, sn: est.sn_m, se: est.se_m, yaw: est.state.includes("heading") ? est.yaw_deg : null };
-  if (Math.abs(t - origin.t) < stride && north.length) return;
+  const moved = joined(last, t, n, e, Math.hypot(est.vn_mps ?? 0, est.ve_mps ?? 0));
+  last = { t, n, e, sn: est.sn_m, se: est.se_m, yaw: est.state.includes("heading") ? est.yaw_deg : null };
+  if (moved && Math.abs(t - origin.t) < stride) return;
   origin.t = t;
-  north.push(n);
-  east.push(e);
+  if (!moved && north.length) add(null, null);
+  add(n, e);
   if (north.length > MOST) {
-    const every = (_, i) => i % 2 === 0;
+    const every = (x, i) => i % 2 === 0 || x === null;
     [north, east, stride] = [north.filter(every), east.filter(every), 2 * stride];
   }
+}
+
+function add(n, e) {
+  north.push(n);
+  east.push(e);
+}
+
+// Whether it can have moved from there to here.
+function joined(from, t, n, e, speed) {
+  if (!from || Math.abs(t - from.t) > GAP_S) return false;
+  return Math.hypot(n - from.n, e - from.e) < JUMP_M + 2 * speed * Math.abs(t - from.t);
 }
 
 function ellipse({ n, e, sn, se }) {

@@ -117,6 +117,16 @@ def test_a_full_disk_is_an_error_of_input_and_output(arguments):
     assert ended.stderr == "imud: output: No space left on device\n"
 
 
+def test_too_few_descriptors_are_not_called_an_error_of_the_output(monkeypatch, capsys):
+    def run(*_):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("imud.commands.reference.run", run)
+    monkeypatch.setattr(os, "open", run)
+    assert main(["reference"]) == 74
+    assert capsys.readouterr().err == "imud: the limit of descriptors for a process (ulimit -n): Too many open files\n"
+
+
 def test_of_a_full_disk_the_file_is_named(tmp_path, monkeypatch, capsys):
     """The write's own error names none."""
 

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import errno
 import functools
 import importlib
 import io
@@ -43,6 +44,11 @@ COMMANDS = {
 }
 _USAGE, _INTERRUPTED = 64, 130
 _FULL = 65536  # bytes: less room is none
+_UNNAMED = {  # what an error without a file's name is about
+    errno.ENOENT: "the current folder",  # which has been deleted
+    errno.EMFILE: "the limit of descriptors for a process (ulimit -n)",
+    errno.ENFILE: "the limit of descriptors for all processes (sysctl fs.file-max)",
+}
 _EXTRAS = {  # package: extra
     "mcap": "record",
     "plotly": "plots",
@@ -170,7 +176,8 @@ def _open_standard_streams() -> None:
 
 def _close_output() -> None:
     """After a failed write to stdout, redirect it to /dev/null: Python flushes the rest of the buffer at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with contextlib.suppress(OSError):  # no descriptor is left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _on_a_full_disk(args: argparse.Namespace) -> Path | None:
@@ -213,9 +220,9 @@ def main(arguments: list[str] | None = None) -> int:
     except MemoryError:
         print("imud: out of memory: process less data at a time", file=sys.stderr)
         return 1
-    except OSError as error:  # the disk is full, or the current folder has been deleted
+    except OSError as error:
         reason = os.strerror(error.errno) if error.errno else error
-        unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "output"
-        print(f"imud: {error.filename or _on_a_full_disk(args) or unnamed}: {reason}", file=sys.stderr)
+        where = error.filename or _UNNAMED.get(error.errno or 0) or _on_a_full_disk(args) or "output"
+        print(f"imud: {where}: {reason}", file=sys.stderr)
         _close_output()
         return InputOutputError.exit_code

@@ -87,7 +87,7 @@ def received(corrections, expected):
     """What comes until it is as long as expected; times advance by a tenth of a second."""
     data, end, now_ns = b"", time.monotonic() + 30.0, SECOND
     while len(data) < len(expected) and time.monotonic() < end:
-        data += corrections.read(now_ns := now_ns + SECOND // 10)
+        data += b"".join(corrections.read(now_ns := now_ns + SECOND // 10))
         time.sleep(0.001)
     return data, now_ns
 
@@ -95,13 +95,13 @@ def received(corrections, expected):
 def test_a_file_is_followed_as_it_grows(tmp_path):
     file = tmp_path / "base.rtcm"
     corrections = Corrections(str(file))
-    assert corrections.read(0) == b""
+    assert corrections.read(0) == []
     assert "No such file" in corrections.properties(0)["state"]
     file.write_bytes(STATION + STATION[:5])
     data, now_ns = received(corrections, STATION)
     with file.open("ab") as growing:
         growing.write(STATION[5:])
-    assert data + corrections.read(now_ns) == STATION * 2
+    assert [data, *corrections.read(now_ns)] == [STATION] * 2
     corrections.close()
     corrections.close()
 
@@ -109,7 +109,7 @@ def test_a_file_is_followed_as_it_grows(tmp_path):
 def test_a_fifo_may_get_a_new_writer(tmp_path):
     os.mkfifo(tmp_path / "base")
     corrections = Corrections(str(tmp_path / "base"))
-    assert corrections.read(0) == b""
+    assert corrections.read(0) == []
     for _ in range(2):
         with (tmp_path / "base").open("wb") as writer:
             writer.write(STATION)
@@ -126,10 +126,10 @@ def test_a_server_that_ends_is_connected_again():
             client, _ = server.accept()
             with client:
                 client.sendall(STATION)
-                data, end = b"", time.monotonic() + 30.0
-                while not data and time.monotonic() < end:
-                    data = corrections.read(now_ns)
-                assert data == STATION
+                frames, end = [], time.monotonic() + 30.0
+                while not frames and time.monotonic() < end:
+                    frames = corrections.read(now_ns)
+                assert frames == [STATION]
             while corrections.properties(now_ns)["state"].startswith("data") and time.monotonic() < end:
                 corrections.read(now_ns)
             assert "ended the connection" in corrections.properties(now_ns)["state"]
@@ -152,16 +152,52 @@ def test_a_file_waits_for_the_receiver_and_what_may_not_be_written_is_not_counte
     corrections, sent = Corrections(str(path)), []
     corrections.forward(SECOND, None)
     assert "frames" not in corrections.properties(SECOND)
-    corrections.forward(2 * SECOND, lambda data: sent.append(data) is None)
-    assert sent == [3 * STATION] and corrections.properties(SECOND)["forwarded"] == 3
+    corrections.forward(2 * SECOND, lambda data: sent.append(data) or len(data))
+    assert sent == 3 * [STATION] and corrections.properties(SECOND)["forwarded"] == 3
     with path.open("ab") as file:
         file.write(2 * STATION)
     corrections.forward(3 * SECOND, None)
     with path.open("ab") as file:
         file.write(STATION)
-    corrections.forward(4 * SECOND, lambda _: False)
+    corrections.forward(4 * SECOND, lambda _: 0)
     found = corrections.properties(4 * SECOND)
     assert (found["frames"], found["forwarded"]) == (6, 3)
+    corrections.close()
+
+
+def test_a_line_without_room_cuts_no_frame_short_and_what_it_did_not_take_is_not_counted_as_forwarded(tmp_path):
+    """It takes 50 bytes in each turn, and 60 or 90 come."""
+    path, line, room = tmp_path / "base.rtcm", bytearray(), 0
+    path.write_bytes(b"")
+    corrections = Corrections(str(path))
+
+    def write(data):
+        nonlocal room
+        taken = data[:room]
+        line.extend(taken)
+        room -= len(taken)
+        return len(taken)
+
+    for k in range(1, 22):
+        with path.open("ab") as file:
+            file.write((k % 2 + 2) * frame(bytes(24)) if k < 21 else frame(b""))
+        room = 50
+        corrections.forward(k * SECOND, write)
+    found = corrections.properties(21 * SECOND)
+    assert found["frames"] == 51 and 20 <= found["forwarded"] < 51
+    assert line == (found["forwarded"] - 1) * frame(bytes(24)) + frame(b"")
+    corrections.close()
+
+
+def test_the_age_is_that_of_the_last_frame(tmp_path):
+    path = tmp_path / "base.rtcm"
+    path.write_bytes(b"")
+    corrections = Corrections(str(path))
+    corrections.read(SECOND)
+    assert corrections.properties(2 * SECOND)["age_s"] is None
+    path.write_bytes(STATION)
+    corrections.read(3 * SECOND)
+    assert corrections.properties(5 * SECOND)["age_s"] == 2.0
     corrections.close()
 
 

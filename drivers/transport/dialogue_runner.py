@@ -26,8 +26,8 @@ class DialoguePort(Protocol):
     def discard(self) -> None:
         """Throw away what is waiting."""
 
-    def write(self, data: bytes) -> None:
-        """Send."""
+    def write(self, data: bytes) -> int:
+        """Send; returns how many bytes the line had room for."""
 
     def read(self) -> bytes:
         """What is waiting, without blocking."""

@@ -116,7 +116,7 @@ class IioPort:
         self._ready.clear()
         self._timer.clear()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Carry out the lines of a dialogue."""
         for line in data.decode().splitlines():
             command, _, rest = line.partition(" ")
@@ -126,6 +126,7 @@ class IioPort:
                 self._answer(self._set(*rest.split(" ", 1)))
             else:
                 self._stream(json.loads(rest))
+        return len(data)
 
     def _set(self, name: str, value: str) -> str:
         for buffer in self._buffers:

@@ -116,8 +116,9 @@ class ReplayPort:
     def discard(self) -> None:
         """Nothing is discarded."""
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Nothing is sent."""
+        return 0
 
     def close(self) -> None:
         """May be called twice."""

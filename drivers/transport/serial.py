@@ -94,12 +94,12 @@ class SerialPort(DescriptorPort):
         except (OSError, ValueError, termios.error) as error:
             raise self._lost(error) from error
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Send a command. Bytes for which the line has no room are dropped: then the answer is missing."""
         try:
-            os.write(self.fd, data)
+            return os.write(self.fd, data)
         except BlockingIOError:
-            return
+            return 0
         except OSError as error:
             raise self._lost(error) from error
 

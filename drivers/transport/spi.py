@@ -104,7 +104,7 @@ class SpiPort:
         else:
             self._epoll.unregister(self._edges.fd)
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Exchange 16-bit words. While samples are fetched, the answers are not kept."""
         for i in range(0, len(data), 2):
             answer = self._exchange(Cycle(data[i : i + 2], self._bus.stall_us), self._bus.clock_hz)
@@ -112,6 +112,7 @@ class SpiPort:
                 self._answers += answer
         if self._answers:
             self._timer.set(1)
+        return len(data)
 
     def read(self) -> bytes:
         """The answers that wait; or the next sample's frame, if it is there."""

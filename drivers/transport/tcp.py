@@ -114,10 +114,10 @@ class TcpPort(DescriptorPort):
     def discard(self) -> None:
         """See `Port`: the greeting must not be thrown away, and nothing is waiting else."""
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Send a short request."""
         try:
-            self._socket.send(data)
+            return self._socket.send(data)
         except OSError as error:
             raise self._lost(error) from error
 

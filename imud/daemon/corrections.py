@@ -43,24 +43,37 @@ class Corrections:
         self._socket: socket.socket | None = None
         self._state, self._wanted = "waits for the receiver", False
         self._retry_ns, self._due_ns, self._last_ns = _FIRST_RETRY_NS, 0, 0
+        self._frame_ns: int | None = None  # when the last frame came
+        self._rest = b""  # of a frame of which the line has taken a part
 
-    def forward(self, now_ns: int, write: Callable[[bytes], bool] | None) -> None:
-        """Give the receiver what has come. write: to it, and says whether it may; None: there is no receiver.
+    def forward(self, now_ns: int, write: Callable[[bytes], int] | None) -> None:
+        """Give the receiver what has come. write: to it, and says how many bytes it took; None: there is no receiver.
 
         The source is opened when the first receiver streams, so that a file goes to it as a whole. Later frames that
-        come while there is none are lost: old ones are of no use.
+        come while there is none, or no room on its line, are lost: old ones are of no use.
         """
-        if write is None and not self._wanted:
-            return
-        self._wanted, before = True, self.counters["frames"]
-        data = self.read(now_ns)
-        if data and write is not None and write(data):
-            self.counters["forwarded"] += self.counters["frames"] - before
+        if write is None:
+            self._rest = b""
+            if not self._wanted:
+                return
+        self._wanted = True
+        for frame in self.read(now_ns):
+            if write is not None and self._send(frame, write):
+                self.counters["forwarded"] += 1
 
-    def read(self, now_ns: int) -> bytes:
+    def _send(self, frame: bytes, write: Callable[[bytes], int]) -> bool:
+        """Send a frame, after the rest of the one before; False: there was no room. No frame is cut short."""
+        if self._rest:
+            self._rest = self._rest[write(self._rest) :]
+        taken = 0 if self._rest else write(frame)
+        if taken:
+            self._rest = frame[taken:]
+        return taken > 0
+
+    def read(self, now_ns: int) -> list[bytes]:
         """The frames that have come since the last call; opens the source if that is due."""
         if self._fd < 0 and (now_ns < self._due_ns or not self._open(now_ns)):
-            return b""
+            return []
         try:
             data = os.read(self._fd, AT_ONCE)
             ended = not data and self._address is not None  # a file may grow, a FIFO may get a new writer
@@ -68,19 +81,20 @@ class Corrections:
             data, ended = b"", False
         except OSError as error:
             self._close_and_retry(error.strerror or "it failed", now_ns)
-            return b""
+            return []
         frames = list(self._framer.feed(data))
         if frames:
             self._set_state("data of the base come")
-            self._last_ns, self._retry_ns = now_ns, _FIRST_RETRY_NS
+            self._last_ns = self._frame_ns = now_ns
+            self._retry_ns = _FIRST_RETRY_NS
             self.counters["frames"] += len(frames)
         elif ended or now_ns - self._last_ns > STALE_NS:
             self._close_and_retry("it ended the connection" if ended else "nothing comes", now_ns)
-        return b"".join(frames)
+        return frames
 
     def properties(self, now_ns: int) -> dict[str, Any]:
         """What `imud status` shows."""
-        age = (now_ns - self._last_ns) * 1e-9 if self._last_ns else None
+        age = None if self._frame_ns is None else (now_ns - self._frame_ns) * 1e-9
         return {"source": self._source, "state": self._state, "age_s": age, **self.counters}
 
     def close(self) -> None:

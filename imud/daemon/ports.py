@@ -118,16 +118,15 @@ class Port:
         if self._dialogue is not None:
             self._advance(self._dialogue.on_readable)
 
-    def forward(self, data: bytes) -> bool:
-        """Write data of another source, as corrections, to the device that streams; False: it may not, or is lost."""
+    def forward(self, data: bytes) -> int:
+        """Write data of another source, as corrections, to the device that streams; returns how many bytes it took."""
         if self.options.readonly or self.spec.server is not None:
-            return False
+            return 0
         try:
-            self.line.write(data)
+            return self.line.write(data)
         except PortLostError as error:
             self.lost(str(error))
-            return False
-        return True
+            return 0
 
     def log_line_warning(self) -> None:
         """Log the line's warning, once."""

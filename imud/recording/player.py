@@ -48,8 +48,9 @@ class Replayed:
     def discard(self) -> None:
         """Nothing waits."""
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> int:
         """Nobody listens."""
+        return 0
 
     def read(self) -> bytes:
         """Nothing waits."""

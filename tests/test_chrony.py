@@ -118,6 +118,16 @@ def test_when_the_clock_has_been_set_the_precision_is_soon_that_of_the_line_agai
     output.close()
 
 
+def test_a_receiver_whose_date_jumps_from_fix_to_fix_gives_no_time(unit, reader):
+    output, start_ns, counts = ChronyOutput(unit), time.monotonic_ns(), []
+    for k, year in enumerate([2026, 2036, 2026, 2046, 2036, 2036, 2036]):
+        fix = replace(FIX, utc_s=FIX.utc_s + k, date=date(year, 5, 4), arrival_ns=start_ns + k * 1_000_000_000)
+        output.publish(fix, LATENCY_S)
+        counts.append(reader()[2])
+    assert counts == [2, 2, 2, 2, 2, 4, 6]  # the first has nothing to agree with
+    output.close()
+
+
 @pytest.mark.parametrize(
     ("utc_s", "day", "now", "expected"),
     [

@@ -30,6 +30,7 @@ _LAST_ROLLOVER_S = (date(2019, 4, 7) - _EPOCH).days * _DAY_S
 _NS = 1_000_000_000
 _JITTER_GAIN = 1.0 / 16.0  # of one sample in the jitter
 _COARSE, _FINE = 0, -10  # precision, log2 s
+_STEP_S = 1.0  # a change of the offset between two fixes that is no jitter
 
 
 class _ShmTime(ctypes.Structure):
@@ -109,11 +110,19 @@ class ChronyOutput:
         return 0 if failed else int(struct.unpack_from("20xI", status)[0])
 
     def publish(self, fix: Fix, latency_s: float) -> None:
-        """Publish the time of a fix; its epoch is `latency_s` before its arrival."""
+        """Publish the time of a fix; its epoch is `latency_s` before its arrival.
+
+        One by which a clock has been set since the fix before, this machine's or the receiver's, is not published:
+        a receiver whose date jumps from fix to fix gives none.
+        """
         system_less_monotonic_ns = time.time_ns() - time.monotonic_ns()
         receive_ns = fix.arrival_ns - round(latency_s * 1e9) + system_less_monotonic_ns
         clock_ns = utc_ns(fix, receive_ns)
         if clock_ns is None:
+            return
+        before_s, self._offset_s = self._offset_s, (clock_ns - receive_ns) * 1e-9
+        change_s = None if before_s is None else abs(self._offset_s - before_s)
+        if change_s is not None and change_s > _STEP_S:
             return
         memory = self._memory
         memory.valid = 0
@@ -121,19 +130,14 @@ class ChronyOutput:
         memory.clock_s, memory.clock_ns = divmod(clock_ns, _NS)
         memory.receive_s, memory.receive_ns = divmod(receive_ns, _NS)
         memory.clock_us, memory.receive_us = memory.clock_ns // 1000, memory.receive_ns // 1000
-        memory.leap, memory.precision = 0, self._precision((clock_ns - receive_ns) * 1e-9)
+        memory.leap, memory.precision = 0, self._precision(change_s)
         memory.count += 1
         memory.valid = 1
 
-    def _precision(self, offset_s: float) -> int:
-        """log2 of the precision in s, from the change of the offset between two fixes.
-
-        A change of more than the coarsest precision is a step of a clock, as when chrony sets this machine's.
-        """
-        if self._offset_s is not None:
-            change_s = min(abs(offset_s - self._offset_s), 2.0**_COARSE)
+    def _precision(self, change_s: float | None) -> int:
+        """log2 of the precision in s, from the change of the offset since the fix before."""
+        if change_s is not None:
             self._jitter_s += _JITTER_GAIN * (change_s - self._jitter_s)
-        self._offset_s = offset_s
         return max(_FINE, min(_COARSE, math.ceil(math.log2(max(self._jitter_s, 2.0**_FINE)))))
 
     def close(self) -> None:

@@ -22,6 +22,7 @@ Needs nothing but the standard library. `FIELDS` describes the bytes on the wire
 made from the same table. All numbers are little-endian.
 """
 
+import contextlib
 import json
 import math
 import os
@@ -76,7 +77,7 @@ RECORD: Final = struct.Struct("<" + "".join(f"{count}{_CODES[kind]}" for _, kind
 LIVENESS: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), pid and boot id of the daemon
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
-_STATES = "states."
+_STATES, _LONGEST = "states.", 1 << 20  # of an answer: the names of these numbers, and bytes at most
 STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
 _WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
@@ -197,7 +198,9 @@ class Stream:
         self._divisor = 1
 
     def set_divisor(self, divisor: int) -> None:
-        """From now on one of `divisor` states: those whose `seq` it divides."""
+        """From now on one of `divisor` states: those whose `seq` it divides. Raises OSError, ValueError."""
+        if not 0 < divisor < 1 << 32:
+            raise ValueError(f"divisor = {divisor}: it must be from 1 to {(1 << 32) - 1}")
         self._socket.send(DIVISOR.pack(divisor))
         self._divisor = divisor
 
@@ -210,10 +213,11 @@ class Stream:
 
     def __next__(self) -> State:
         """The next state. Raises StopIteration at the daemon's end, TimeoutError and ProtocolError."""
-        while record := self._socket.recv(2 * RECORD.size):
-            state = decode(record)
-            if state.seq % self._divisor == 0:  # others were sent before the daemon knew
-                return state
+        with contextlib.suppress(ConnectionResetError):  # it ended before it had read the divisor
+            while record := self._socket.recv(2 * RECORD.size):
+                state = decode(record)
+                if state.seq % self._divisor == 0:  # others were sent before the daemon knew
+                    return state
         raise StopIteration
 
     def __enter__(self) -> "Stream":
@@ -227,7 +231,7 @@ class Stream:
 
 
 def connect(path: str | Path, divisor: int = 1, timeout_s: float | None = None) -> Stream:
-    """The states of the daemon whose `stream.listen` is `path`, one of `divisor`. Raises OSError."""
+    """The states of the daemon whose `stream.listen` is `path`, one of `divisor`. Raises OSError, ValueError."""
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
         sock.connect(str(path))
@@ -247,14 +251,39 @@ def boot_id() -> bytes:
 
 
 class Shared:
-    """The newest state of the daemon whose `shared_memory.path` is `path`. Raises OSError."""
+    """The newest state of the daemon whose `shared_memory.path` is `path`, also of the next one. Raises OSError."""
 
     def __init__(self, path: str | Path) -> None:
-        self._file = Path(path).open("rb", buffering=0)  # noqa: SIM115
+        self._path = Path(path)
+        self._file = self._path.open("rb", buffering=0)
         self._boot_id = boot_id()
 
     def read(self) -> State | None:
         """The newest state; None before the first and after the daemon's end. Raises StaleError, ProtocolError.
+
+        Threads may read at once.
+        """
+        try:
+            state = self._read()
+        except ProtocolError:
+            if not self._reopen():
+                raise
+            return self._read()
+        return self._read() if state is None and self._reopen() else state
+
+    def _reopen(self) -> bool:
+        """Open the file that is at the path now, if it is another one: the old one was removed. The number stays."""
+        try:
+            if os.path.samestat(self._path.stat(), os.fstat(self._file.fileno())):
+                return False
+            with self._path.open("rb", buffering=0) as new:
+                os.dup2(new.fileno(), self._file.fileno(), inheritable=False)
+        except OSError:  # there is none yet
+            return False
+        return True
+
+    def _read(self) -> State | None:
+        """The state in the file that is open.
 
         How old the state itself is tells its `t_ns`: the daemon may live while its sensor is silent. A lock that is
         odd, or changes meanwhile, is a write in progress. The check word makes this right on machines that reorder
@@ -302,19 +331,21 @@ def filter_states(address: str | Path = GPSD_ADDRESS, timeout_s: float = 5.0) ->
     Raises OSError, ValueError for what is no address, ProtocolError.
     """
     where, family = _address(address)
+    end_s = time.monotonic() + timeout_s
     with socket.socket(family, socket.SOCK_STREAM) as sock:
         sock.settimeout(timeout_s)
         sock.connect(where)
         sock.sendall(b"?STATUS;\n")
         with sock.makefile("rb") as lines:
-            for text in lines:
+            while (text := lines.readline(_LONGEST)) and time.monotonic() < end_s:
                 try:
                     message = json.loads(text)
                     kind = message["class"]
-                except (ValueError, TypeError, KeyError):
+                except (ValueError, TypeError, KeyError, RecursionError):
                     break
                 if kind == "STATUS":
-                    return {name[len(_STATES) :]: message[name] for name in message if name.startswith(_STATES)}
+                    found = {name[len(_STATES) :]: message[name] for name in message if name.startswith(_STATES)}
+                    return {name: value for name, value in found.items() if isinstance(value, int | float)}
     raise ProtocolError(f"{address} does not answer as imud")
 
 
@@ -324,7 +355,7 @@ def _address(address: str | Path) -> tuple[str | tuple[str, int], socket.Address
     host, colon, port = text.rpartition(":")
     if "/" in text:
         return text, socket.AF_UNIX
-    if colon and port.isdigit():
+    if colon and port.isdecimal() and int(port) < 1 << 16:
         return (host.strip("[]"), int(port)), socket.AF_INET6 if ":" in host else socket.AF_INET
     raise ValueError(f"{text!r} is no address: it must be /path or HOST:PORT")
 

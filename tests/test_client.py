@@ -1,5 +1,6 @@
 """The binary outputs and their client: layout, losses, stalled readers, torn writes; in C as in Python."""
 
+import contextlib
 import math
 import os
 import resource
@@ -116,7 +117,7 @@ def test_invalid_requests_and_too_many_clients(outputs):
         serve(outputs)
     assert outputs.stream.clients == 5
     crowd[0]._socket.send(b"GET / HTTP/1.0\r\n\r\n")
-    crowd[1].set_divisor(0)
+    crowd[1]._socket.send(bytes(4))
     serve(outputs)
     assert outputs.stream.clients == 3
     for stream in crowd:
@@ -150,6 +151,23 @@ def test_the_end_of_the_daemon_ends_the_stream(outputs):
     assert not (outputs.at / "s").exists()
     with pytest.raises(OSError, match="No such file"):
         client.connect(outputs.at / "s")
+
+
+def test_a_daemon_that_ends_before_it_has_read_the_divisor_ends_the_stream(tmp_path):
+    """The kernel then says that the connection was reset."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as server:
+        server.bind(str(tmp_path / "s"))
+        server.listen()
+        stream = client.connect(tmp_path / "s", divisor=10)
+        server.accept()[0].close()
+        with stream:
+            assert list(stream) == []
+
+
+@pytest.mark.parametrize("divisor", [0, -1, 1 << 32])
+def test_a_divisor_that_is_none_is_an_error_of_the_program(outputs, divisor):
+    with pytest.raises(ValueError, match="divisor"):
+        client.connect(outputs.at / "s", divisor=divisor)
 
 
 def test_two_daemons_never_share_an_output(outputs):
@@ -204,20 +222,38 @@ def test_the_client_needs_only_the_standard_library():
     assert done.stdout.strip() == "set()"
 
 
-def test_what_the_filter_estimates_is_not_read_from_another_program(tmp_path):
+@pytest.mark.parametrize("address", ["localhost", "localhost:", "localhost:99999", "localhost:²"])
+def test_what_is_no_address_is_refused(address):
     with pytest.raises(ValueError, match="no address"):
-        client.filter_states("localhost")
+        client.filter_states(address)
+
+
+def test_the_states_are_numbers(tmp_path):
+    with _answering(tmp_path, b'{"class":"STATUS","states.a":1.5,"states.b":"x","states.c":null,"d":1}\n'):
+        assert client.filter_states(tmp_path / "other") == {"a": 1.5}
+
+
+@pytest.mark.parametrize(
+    "answer", [b'{"class":"ERROR"}\r\n[]\r\n', b"[" * 100_000 + b"\n", b'"' + b"x" * (2 << 20), b'{"class":"TP']
+)
+def test_what_the_filter_estimates_is_not_read_from_another_program(tmp_path, answer):
+    with _answering(tmp_path, answer), pytest.raises(client.ProtocolError, match="does not answer as imud"):
+        client.filter_states(tmp_path / "other")
+
+
+@contextlib.contextmanager
+def _answering(folder, answer):
+    """A program that gives this answer to one client, and hangs up."""
     with socket.socket(socket.AF_UNIX) as server:
-        server.bind(str(tmp_path / "other"))
+        server.bind(str(folder / "other"))
         server.listen()
 
-        def answer():
-            with server.accept()[0] as asked:
+        def serve_one():
+            with server.accept()[0] as asked, contextlib.suppress(OSError):
                 asked.recv(64)
-                asked.sendall(b'{"class":"ERROR"}\r\n[]\r\n')
+                asked.sendall(answer)
 
-        thread = threading.Thread(target=answer)
+        thread = threading.Thread(target=serve_one)
         thread.start()
-        with pytest.raises(client.ProtocolError, match="does not answer as imud"):
-            client.filter_states(tmp_path / "other")
+        yield
         thread.join()

@@ -156,6 +156,32 @@ def test_a_truncated_file_is_written_anew(outputs, size):
     shared.close()
 
 
+def test_a_reader_follows_to_the_file_that_the_next_daemon_makes(tmp_path):
+    """As where systemd removes a service's folder at its end. Threads may read meanwhile."""
+    with opened(tmp_path) as before:
+        before.publish(solutions(1, 3), 1, 3, 0)
+        shared = client.Shared(tmp_path / "m")
+        assert shared.read().seq == 3
+    (tmp_path / "m").unlink()
+    assert shared.read() is None
+    with opened(tmp_path) as after:
+        assert shared.read() is None
+        after.publish(solutions(1, 4), 1, 4, 0)
+        assert shared.read().seq == 4
+    shared.close()
+
+
+def test_a_file_that_was_removed_is_made_anew(outputs):
+    outputs.publish(solutions(1, 3), 1, 3, 0)
+    shared = client.Shared(outputs.at / "m")
+    (outputs.at / "m").unlink()
+    outputs.tick(time.monotonic_ns())
+    assert client.latest(outputs.at / "m").seq == 3
+    outputs.publish(solutions(1, 4), 1, 4, 0)
+    assert client.latest(outputs.at / "m").seq == 4
+    shared.close()
+
+
 def _without_a_process():
     with subprocess.Popen(["true"]) as process:
         process.wait()

@@ -145,7 +145,8 @@ _HEADER = """\
 /* States of imud, little-endian, as `imud reference c` printed them. SI units, radians, NED, body FRD.
  *
  * stream.listen: a SOCK_SEQPACKET Unix socket; each message is one struct imud_state. Send a uint32_t divisor to
- * get one of so many. shared_memory.path: map it, and read by imud_read(). */
+ * get one of so many. shared_memory.path: map it, and read by imud_read(). Where the file was removed, as with the
+ * folder that it was in, the next daemon makes another: if imud_read() gives nothing for long, map it again. */
 #ifndef IMUD_H
 #define IMUD_H
 #if defined __STRICT_ANSI__ && !defined _POSIX_C_SOURCE /* for clock_gettime; then include this file first */
@@ -176,11 +177,11 @@ struct imud_shared {{
 _Static_assert(sizeof(struct imud_state) == {size}, "layout");
 _Static_assert(sizeof(struct imud_shared) == {shared_size}, "layout");
 
-/* This boot's id; 0 where it cannot be read. It is read once. */
+/* This boot's id; 0 where it cannot be read. Each thread reads it once. */
 static inline int imud_boot_id(uint8_t boot_id[16])
 {{
-    static uint8_t known[16];
-    static int digits;
+    static _Thread_local uint8_t known[16];
+    static _Thread_local int digits;
     FILE *file = digits < 32 ? fopen("/proc/sys/kernel/random/boot_id", "r") : NULL;
     for (int c; file && digits < 32 && (c = getc(file)) != EOF;) {{
         int digit = c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from imud.client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, STALE_NS, boot_id
 from imud.compile.entry import entry
 from imud.compile.system import fence, pwrite, records
-from imud.errors import CannotCreateError, PermissionDeniedError
+from imud.errors import CannotCreateError, ImudError, PermissionDeniedError
 from imud.process.log import get_logger
 
 WORD = np.dtype(np.uint64)
@@ -79,8 +79,18 @@ class SharedMemory:
         write(self.file, self.address, record, time.monotonic_ns())
 
     def write_heartbeat(self, now_ns: int) -> None:
-        """Call several times per second: readers see that the daemon runs. Restores a file that was truncated."""
+        """Call several times per second: readers see that the daemon runs.
+
+        Restores a file that was truncated or removed, as systemd-logind removes those of a user who has logged out.
+        """
         self._memory[_HEARTBEAT] = now_ns
+        try:
+            if not os.path.lexists(self._path):
+                new = _open(self._path)
+                os.dup2(new, self.file, inheritable=False)  # the number is known to compiled code
+                os.close(new)
+        except ImudError as error:
+            self._warn(str(error))
         self._try_write_all()
 
     def _try_write_all(self) -> None:
@@ -88,9 +98,12 @@ class SharedMemory:
         try:
             self._write_all()
         except OSError as error:
-            if not self._warned:
-                get_logger().warning(f"the shared memory {self._path} cannot be written: {error.strerror}")
-            self._warned = True
+            self._warn(f"the shared memory {self._path} cannot be written: {error.strerror}")
+
+    def _warn(self, text: str) -> None:
+        if not self._warned:
+            get_logger().warning(text)
+        self._warned = True
 
     def close(self) -> None:
         """Mark the file as without a state and without a running daemon."""

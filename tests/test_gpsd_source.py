@@ -183,6 +183,10 @@ def test_ports_are_written_like_this():
 def test_the_greeting_tells_what_it_is():
     found, _ = run(detect_server(), Speaker(0, VERSION))
     assert (found.driver, found.firmware) == ("gpsd", "3.22")
+    found, _ = run(
+        detect_server(), Speaker(0, VERSION.replace(b'"release":"3.22"', b'"release":"%s"' % (60_000 * b"3")))
+    )
+    assert found.firmware == 255 * "3"
     other, _ = run(detect_server(), Speaker(0, VERSION.replace(b'"rev":"3.22"', b'"rev":"imud 1.0"')))
     assert isinstance(other, Unsupported) and "estimates" in str(other)
     for device in (Mute(0), Speaker(0, b"HTTP/1.1 400 Bad Request\r\n")):

@@ -14,6 +14,7 @@ from ..driver import GnssConfigured, Identity, Options, Unsupported
 from .decoder import GpsdDecoder
 from .reports import Lines, Report
 
+WORDS_MAX = 255  # characters of a text of its own that are shown; gpsd's have fewer
 REPORTS_S = 12.0  # gpsd opens its device for the first client, and finds its speed
 IS_IMUD = "it is an imud, whose positions are estimates: name a gpsd that reads the receiver itself"
 SILENT = "it has no device that reports: gpsdctl add DEVICE, or look at the system's log"
@@ -43,7 +44,7 @@ class Gpsd:
             return None
         for report in reports(received):
             if report.kind == "VERSION":
-                release, revision = (str(report.values.get(name, "")) for name in ("release", "rev"))
+                release, revision = (str(report.values.get(name, ""))[:WORDS_MAX] for name in ("release", "rev"))
                 if "imud" in revision or "imud" in release:
                     return Unsupported(self.name, f"imud {release}", IS_IMUD)
                 return Identity(self.name, "gpsd", firmware=release)
@@ -60,7 +61,7 @@ class Gpsd:
         if options.device:
             wanted["device"] = options.device
         received = yield Exchange(b"?WATCH=%s;\n" % json.dumps(wanted).encode(), REPORTS_S, _has_fixes)
-        if errors := [str(one.values.get("message")) for one in reports(received) if one.kind == "ERROR"]:
+        if errors := [str(one.values.get("message"))[:WORDS_MAX] for one in reports(received) if one.kind == "ERROR"]:
             return Unsupported(self.name, identity.model, f"it says: {errors[-1]}")
         return GnssConfigured(identity) if _has_fixes(received) else Unsupported(self.name, identity.model, SILENT)
 

@@ -1,5 +1,6 @@
 """Connections to servers by name: a name server that does not answer must not stop the daemon."""
 
+import contextlib
 import socket
 import threading
 import time
@@ -48,7 +49,7 @@ def until_answered(host, port):
 
 def test_a_name_server_that_does_not_answer_stops_neither_corrections_nor_ports(name_server):
     corrections = Corrections("base.example:2101")
-    assert corrections.read(0) == b""
+    assert corrections.read(0) == []
     assert "its address is being looked up" in corrections.properties(0)["state"]
     assert ("base.example", 2101) in tcp._asked, "it has waited for the name server"
     spec = PortSpec.parse("gpsd://boat.example")
@@ -83,6 +84,24 @@ def test_a_name_is_asked_for_again_after_a_failure_and_not_after_an_answer(name_
         for _ in range(2):
             open_line(spec).close()
         assert name_server.asked == 2
+
+
+def test_a_server_that_has_moved_is_found_at_its_new_address(name_server, monkeypatch):
+    """As a base with a dynamic address does; while no name server answers, the old address stays."""
+    name_server.answers.set()
+    with socket.create_server(("127.0.0.1", 0)) as old:
+        port = old.getsockname()[1]
+        spec = PortSpec.parse(f"gpsd://boat.example:{port}")
+        name_server.found = "127.0.0.1"
+        check_port(spec)
+        monkeypatch.setattr(tcp, "_FRESH_S", 0.0)
+        for answer in (NONE, "127.0.0.2"):
+            name_server.found = answer
+            with contextlib.closing(open_line(spec)) as line:
+                assert line._socket.getpeername()[0] == "127.0.0.1"
+            until_answered("boat.example", port)
+    with socket.create_server(("127.0.0.2", port)), contextlib.closing(open_line(spec)) as line:
+        assert line._socket.getpeername()[0] == "127.0.0.2"
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 70 + ".example"])

@@ -3,8 +3,10 @@
 import _thread
 import contextlib
 import errno
+import math
 import os
 import socket
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,43 +14,48 @@ from ..errors import PortAbsentError, PortLostError
 from .descriptor import DescriptorPort
 from .portspec import PortSpec
 
-_found: dict[tuple[str, int], list[tuple[int, Any]] | OSError] = {}  # by host and port
+_FRESH_S = 60.0  # after which an address is looked up anew, while the old one is used: it may be another one now
+Addresses = list[tuple[int, Any]]  # families and addresses of a host
+
+_found: dict[tuple[str, int], tuple[float, Addresses | OSError]] = {}  # by host and port, and when
 _asked: set[tuple[str, int]] = set()  # whose addresses a thread looks up
 
 
-def _resolve(host: str, port: int, flags: int = 0) -> list[tuple[int, Any]]:
-    """Families and addresses of a host."""
+def _resolve(host: str, port: int, flags: int = 0) -> Addresses:
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=flags)
     return [(family, address) for family, _, _, _, address in found]
 
 
 def look_up(host: str, port: int) -> None:
     """Look up the addresses of a host, for `connect`; waits for a name server, which may not answer for a minute."""
+    found: Addresses | OSError
     try:
-        _found[host, port] = _resolve(host, port)
+        found = _resolve(host, port)
     except OSError as error:
-        _found[host, port] = error
+        found = error
     except UnicodeError:  # such as an empty part of a name, as in `a..b`
-        _found[host, port] = socket.gaierror(socket.EAI_NONAME, "no host can have that name")
-    finally:
-        _asked.discard((host, port))
+        found = socket.gaierror(socket.EAI_NONAME, "no host can have that name")
+    before = _found.get((host, port), (0.0, found))[1]
+    _found[host, port] = time.monotonic(), before if isinstance(found, OSError) else found
+    _asked.discard((host, port))
 
 
-def _addresses(host: str, port: int) -> list[tuple[int, Any]]:
-    """Families and addresses of a host. Raises OSError, BlockingIOError while a thread looks them up."""
+def _addresses(host: str, port: int) -> Addresses:
+    """Families and addresses of a host. Raises OSError, BlockingIOError while a thread looks up the first ones."""
     with contextlib.suppress(socket.gaierror, UnicodeError):
         return _resolve(host, port, socket.AI_NUMERICHOST)  # numbers need no name server
     key = host, port
-    if key not in _asked and key not in _found:
+    since_s, found = _found.get(key, (-math.inf, None))
+    if key not in _asked and time.monotonic() - since_s > _FRESH_S:
         _asked.add(key)
         try:
             _thread.start_new_thread(look_up, key)
         except RuntimeError as error:  # the limit of threads, or of memory
             _asked.discard(key)
             raise OSError(errno.EAGAIN, str(error)) from error
-    if key in _asked:
+    if found is None:
         raise BlockingIOError(errno.EAGAIN, "its address is being looked up")
-    if isinstance(found := _found[key], OSError):
+    if isinstance(found, OSError):
         del _found[key]  # the next attempt looks it up anew
         raise found
     return found

@@ -6,10 +6,13 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 from processes import TIMEOUT_S, daemon, emulator
 from recorded import replayed, stored
 
+from imud.drivers.capture import Capture
+from imud.drivers.capture_messages import CONNECTIONS, Connection
 from imud.recording.messages import ESTIMATE_TABLE
 from imud.recording.source import Recording
 
@@ -123,6 +126,12 @@ def settled(path):
     return max(json.loads(path.read_text())["biases"]["gyro_sigma_radps"]) < 3e-4
 
 
+def finds_it_streaming(path):
+    """Whether the daemon of this recording found the sensor streaming, when it first looked."""
+    connections = [entry.data for entry in Capture(path) if entry.topic == CONNECTIONS]
+    return msgspec.json.decode(connections[0], type=Connection).imu().still_powered
+
+
 @pytest.mark.parametrize(("faults", "known"), [("", True), ("reset@14", False)])
 def test_a_daemon_that_was_killed_knows_the_biases_if_the_sensor_was_not_switched_off(
     tmp_path, monkeypatch, faults, known
@@ -131,18 +140,25 @@ def test_a_daemon_that_was_killed_knows_the_biases_if_the_sensor_was_not_switche
     imu = tmp_path / "imu"
     port = f"{imu}:epson@460800"
     with emulator("g350", *REST, "--faults", faults, links=[imu]):
-        with daemon(tmp_path, "--port", port, *CALM) as imud:
-            imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
-            while not any(settled(path) for path in (tmp_path / "state").rglob("biases-*.json")):
-                imud.until(lambda m: m["class"] == "EST")
-            if faults:
-                imud.says("trying again")
-            else:
-                imud.until(lambda m: m["class"] == "EST")
-            imud.process.kill()
-            imud.process.wait()
-        with daemon(tmp_path, "--port", port, *CALM) as imud:
-            first = imud.until(lambda m: m["class"] == "EST")
-            assert (first["sbgx_dps"] < 0.1) == known
-            if known:
-                assert first["bgx_dps"] == pytest.approx(0.2, abs=0.1)
+        for attempt in range(5):  # on a busy machine nothing may come in the half second for which it looks
+            with daemon(tmp_path, "--port", port, *CALM) as imud:
+                imud.until(lambda m: is_settled(m) and m["sbgx_dps"] < 0.02)
+                while not any(settled(path) for path in (tmp_path / "state").rglob("biases-*.json")):
+                    imud.until(lambda m: m["class"] == "EST")
+                if faults:
+                    imud.says("trying again")
+                else:
+                    imud.until(lambda m: m["class"] == "EST")
+                imud.process.kill()
+                imud.process.wait()
+            recording = tmp_path / f"{attempt}.mcap"
+            with daemon(tmp_path, "--port", port, "--record", str(recording), *CALM) as imud:
+                first = imud.until(lambda m: m["class"] == "EST")
+                imud.process.terminate()
+                assert imud.process.wait(TIMEOUT_S) == 0
+            if finds_it_streaming(recording) or not known:
+                break
+        assert finds_it_streaming(recording) == known
+        assert (first["sbgx_dps"] < 0.1) == known
+        if known:
+            assert first["bgx_dps"] == pytest.approx(0.2, abs=0.1)

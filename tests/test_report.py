@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from report_data import WHITE, still
+from test_recording_damage import write
 
 from imud.commands import main
 from imud.commands.report import distinct_labels, read
@@ -302,6 +303,12 @@ def test_a_table_of_any_make_gives_the_same_report(form, files, tmp_path):
     drawn, as_drawn = (msgspec.json.encode(panels(session), enc_hook=np.ndarray.tolist) for session in (other, plain))
     assert drawn == as_drawn
     assert findings(other) == findings(plain)
+
+
+def test_of_a_recording_in_which_no_sensor_streamed_no_replay_is_advised(tmp_path, capsys):
+    path = write(tmp_path / "empty.mcap")
+    assert main(["report", str(path), "-o", str(tmp_path / "page.html")]) == 65
+    assert capsys.readouterr().err == f"imud: {path}: no samples of an inertial sensor in it\n"
 
 
 def test_a_page_that_cannot_be_written_is_reported(files, capsys):

@@ -145,9 +145,11 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     except (ValueError, KeyError, TypeError) as error:
         raise BadDataError(f"{path}: a message cannot be decoded: {error}") from error
     tell("report", recording.notes)
-    if not found.estimates.rows or found.origin_ns is None:
-        raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
     sensor = found.sensor.close() or found.recorded_samples.close()
+    if not found.estimates.rows or found.origin_ns is None:
+        if player.inertial is None and sensor is None:
+            raise BadDataError(f"{path}: no samples of an inertial sensor in it")
+        raise BadDataError(f"{path}: no estimates in it; `imud replay {path} -o est.csv` makes them of its bytes")
     fixes, clock = found.rows_of(FIX_TABLE), found.rows_of(CLOCK_TABLE)
     has_quartz = player.inertial is not None and player.inertial.has_quartz
     session = Session(

@@ -336,17 +336,28 @@ def filter_states(address: str | Path = GPSD_ADDRESS, timeout_s: float = 5.0) ->
         sock.settimeout(timeout_s)
         sock.connect(where)
         sock.sendall(b"?STATUS;\n")
-        with sock.makefile("rb") as lines:
-            while (text := lines.readline(_LONGEST)) and time.monotonic() < end_s:
-                try:
-                    message = json.loads(text)
-                    kind = message["class"]
-                except (ValueError, TypeError, KeyError, RecursionError):
-                    break
-                if kind == "STATUS":
-                    found = {name[len(_STATES) :]: message[name] for name in message if name.startswith(_STATES)}
-                    return {name: value for name, value in found.items() if isinstance(value, int | float)}
+        rest = b""
+        while len(rest) < _LONGEST and (left_s := end_s - time.monotonic()) > 0.0:
+            sock.settimeout(left_s)
+            if not (data := sock.recv(1 << 16)):
+                break
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                if (found := _states_in(line)) is not None:
+                    return found
     raise ProtocolError(f"{address} does not answer as imud")
+
+
+def _states_in(line: bytes) -> dict[str, float] | None:
+    """The states in a line; None: it is another message. Raises ProtocolError if it is none."""
+    try:
+        message = json.loads(line)
+        if message["class"] != "STATUS":
+            return None
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ProtocolError(f"{line[:60]!r} is no message of imud") from error
+    found = {name[len(_STATES) :]: message[name] for name in message if name.startswith(_STATES)}
+    return {name: value for name, value in found.items() if isinstance(value, int | float)}
 
 
 def _address(address: str | Path) -> tuple[str | tuple[str, int], socket.AddressFamily]:

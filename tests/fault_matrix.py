@@ -178,6 +178,17 @@ def near_iron(name, rows, t):
     return rows
 
 
+def turned_map(deg):
+    """Poses on a map that is turned by `deg`: from the first one on, and their positions are right."""
+
+    def turned(name, rows, t):
+        rows["value"][:, 3] += np.radians(deg)
+        return rows
+
+    return turned
+
+
+OF_POSES = {"map turned by 10 deg": turned_map(10.0), "by 90 deg": turned_map(90.0), "by 180 deg": turned_map(180.0)}
 OF_VEHICLES = FAULTS | {"late at once": late_at_once}
 OF_COMPASSES = {"mounted 10 deg wrong": mounted(10.0), "mounted 180 deg wrong": mounted(180.0), "near iron": near_iron}
 TOGETHER = ("odometer", "heading", "barometer")  # sources of `together`
@@ -208,7 +219,7 @@ def cell(seed, name=None, fault=None, where="drive"):
     if name is not None:
         rows = SOURCES[name](d, np.random.default_rng(100 + seed)).copy()
         t = rows["t_ns"] * 1e-9 - 100.0
-        rows = rows if fault is None else (OF_VEHICLES | OF_COMPASSES)[fault](name, rows, t)
+        rows = rows if fault is None else (OF_VEHICLES | OF_COMPASSES | OF_POSES)[fault](name, rows, t)
     out, _ = estimated(samples, fixes, rows, settings_of(name, where))
     return judged(d, out)
 

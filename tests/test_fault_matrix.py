@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fault_matrix import FAULTS, OF_COMPASSES, SOURCES, cell, harm, scene, settings_of, together
+from fault_matrix import FAULTS, OF_COMPASSES, OF_POSES, SOURCES, cell, harm, scene, settings_of, together
 from test_navigation_aiding import estimated, live
 from vehicle_simulation import LAND
 
@@ -81,3 +81,12 @@ def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
     """By the motion; it was believed for minutes, and with wheels the receiver was rejected instead."""
     assert cell(11, "heading", fault, where).sure_s == 0.0
     assert together(11, "heading", fault, where).sure_s == 0.0
+
+
+@pytest.mark.parametrize("where", LAND)
+@pytest.mark.parametrize("fault", OF_POSES)
+def test_a_map_that_is_turned_is_found_out(where, fault):
+    """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved."""
+    found = cell(11, "pose", fault, where)
+    assert found.sure_s == 0.0, found.worst
+    assert found.rms["yaw"] < 3.0

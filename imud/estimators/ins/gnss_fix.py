@@ -11,6 +11,7 @@ from ...compile.jit import kernel
 from ..records import POSITION_N
 from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
+from .aiding.external_pose import distrust_poses
 from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
@@ -113,6 +114,7 @@ def check_given_heading(p: Parameters, c: Core) -> bool:
         return False
     correct_state(p, c)
     distrust_compass(p, c)
+    distrust_poses(c)
     restart_in_motion_alignment(c)
     return True
 
@@ -163,6 +165,7 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
         if is_unconfirmed(c):
             reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
         distrust_compass(p, c)
+        distrust_poses(c)
         change_mode(p, c, HEADING_WRONG)
     reset_to_fix(p, c, fix)
 

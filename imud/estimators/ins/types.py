@@ -352,6 +352,8 @@ class ExternalAid:
     last_ns: int
     last_used_ns: int
     rejected: int
+    distrusted: int
+    agreeing_ns: int
     used_share: float
     offset_variance: Reals
     last_value: Reals

@@ -9,6 +9,8 @@ that repeats the last one to the last digit tells nothing new, as of a system th
 for a while: the gate has the variance of a single pose, the update that of what all those know that share an error.
 *Return.* Where poses are accepted again, they or the estimate were wrong: the distance is stated as an error, and from
 then on, if it is large for its sigma, the sigma of a lasting error of the poses, until they have agreed for a while.
+*Trust.* A map may be turned: while the motion contradicts a heading that has the yaws of poses, no pose is used, until
+their yaws have agreed for `heading_trust_s`.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_in
 from ..integrity.reset_inflation import inflate_position
 from ..lever_arm import attitude_row
 from ..mechanization import body_to_ned, ned_difference, wrap_angle
-from ..state import ATTITUDE, HEADING_AXIS, OTHER_AXIS, POSITION
+from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS, OTHER_AXIS, POSITION
 from .external_aid import is_new, others_of_error, time_since_last
 from .heading import yaw_jacobian
 
@@ -119,6 +121,24 @@ def update_offset(p: Parameters, c: Core, i: int, z: float, s: float, dt: float)
 
 
 @kernel
+def distrust_poses(c: Core) -> None:
+    """The way the vehicle moves contradicts the heading, and poses have a yaw: none is used until that agrees."""
+    if math.isfinite(c.pose.last_value[3]):
+        c.pose.distrusted = 1
+        c.pose.agreeing_ns = NEVER_NS
+
+
+@kernel
+def check_yaw_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
+    """Trust poses again after a time in which their yaws agree."""
+    g = c.pose
+    if not agrees or g.agreeing_ns == NEVER_NS:
+        g.agreeing_ns = t_ns if agrees else NEVER_NS
+    elif 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
+        g.distrusted = 0
+
+
+@kernel
 def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a pose while navigating; returns the rows of innovations (before: `alignment.external_pose`)."""
     g = c.pose
@@ -126,13 +146,15 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         return write_innovation(innovations, 0, m.t_ns, POSE_N, math.nan, math.nan, False)
     l = p.pose_lever_arm  # noqa: E741 as in the literature
     arm = body_to_ned(c, (l[0], l[1], l[2]))
-    used = True
+    used = not g.distrusted
     for i in range(4):
         z = pose_difference(p, c, m, arm, i)
         timing, offset = lasting_variances(p, c, i)
         r = element_sigma(p, m, i) ** 2 + timing + offset
         s = innovation_variance(c, pose_jacobian(c, arm, i)) + r
         used = used and not z * z > p.tuning.pose_gate * s  # what is not known passes
+        if i == 3 and g.distrusted:
+            check_yaw_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.pose_correlation_s)
     others_of_age, others_of_offset = (

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def align_with_pose(p: Parameters, c: Core, m: Measurement) -> None:
     """Set the heading to the pose's, and the position, unless a receiver has one; that starts navigation.
 
-    Where the heading is known from elsewhere, the end of a window of samples starts it.
+    A heading that the motion has contradicted is left out. Where it is known from elsewhere, the end of a window of
+    samples starts navigation.
     """
     if not math.isfinite(m.value[1]):
         return
@@ -38,5 +39,5 @@ def align_with_pose(p: Parameters, c: Core, m: Measurement) -> None:
             decorrelate(c, POSITION + i, sigma**2 + turned2)
         if c.gnss.fix_count == 0:
             count_fix(c)
-    if math.isfinite(m.value[3]):
+    if math.isfinite(m.value[3]) and not c.pose.distrusted:
         align_with_heading(p, c, m.value[3], element_sigma(p, m, 3))

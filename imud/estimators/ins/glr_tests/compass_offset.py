@@ -119,6 +119,13 @@ def is_unconfirmed(c: Core) -> bool:
 
 
 @kernel
+def is_measured(c: Core) -> bool:
+    """Whether a compass or a pose gave the heading, and motion has not confirmed it yet."""
+    by_pose = math.isfinite(c.pose.last_value[3])
+    return bool(is_unconfirmed(c) and (c.heading_aid.boresight_variance > 0.0 or by_pose))
+
+
+@kernel
 def add_to_compass_offset(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add a horizontal innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
     g = c.compass_offset
@@ -149,13 +156,12 @@ def explained_by_compass_offset(c: Core) -> float:
 
 @kernel
 def fixes_contradict_heading(p: Parameters, c: Core) -> bool:
-    """Whether the innovations of fixes are far too large for a compass's heading that motion has not confirmed.
+    """Whether the innovations of fixes are far too large for a measured heading that motion has not confirmed.
 
     A heading that is the wrong way round is no offset whose effect is linear: velocities differ along their changes.
     """
     g = c.compass_offset
-    by_compass = g.unconfirmed != 0 and c.heading_aid.boresight_variance > 0.0
-    return bool(by_compass and g.energy > p.tuning.contradicted_residual * max(g.count, p.tuning.confirming_fixes))
+    return bool(is_measured(c) and g.energy > p.tuning.contradicted_residual * max(g.count, p.tuning.confirming_fixes))
 
 
 @kernel
@@ -185,7 +191,8 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
         possible *= abs(c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT]) if shown else math.inf
     if settled and possible < p.tuning.confirmed_offset:
         g.unconfirmed = 0
-        if c.heading_aid.last_ns == NEVER_NS:  # the user gave it: nothing brings an offset in later
+        by_user = c.heading_aid.last_ns == NEVER_NS and not math.isfinite(c.pose.last_value[3])
+        if by_user:  # nothing brings an offset in later
             close_compass_offset(c)
             return 0.0
     keep = 1.0 - min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.compass_offset_memory_s, 1.0)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..aiding.external_pose import distrust_poses
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..aiding.heading import distrust_compass
 from ..aiding.non_holonomic import reset_nhc
@@ -21,7 +22,7 @@ from ..alignment.modes import HEADING_KNOWN, change_mode
 from ..alignment.velocity_pairs import count_heading_fault, match_pair, vertical_bias_jacobian
 from ..ekf import add_variance, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
-from ..glr_tests.compass_offset import is_unconfirmed
+from ..glr_tests.compass_offset import is_measured
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
 
 if TYPE_CHECKING:
@@ -91,8 +92,9 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
-        learned_with_it = is_unconfirmed(c) and c.heading_aid.boresight_variance > 0.0
+        learned_with_it = is_measured(c)
         distrust_compass(p, c)
+        distrust_poses(c)
         if learned_with_it:
             return False
         if sigma < p.tuning.max_start_heading:

@@ -52,6 +52,16 @@ def pose():
 
 
 @golden("navigation")
+def pose_of_a_map_that_is_turned():
+    """The yaw gives the heading at rest; the map is put right under way, and trusted after half a minute."""
+    d = road(100.0)
+    samples, fixes = data(d, seed=91)
+    rows = poses(d, 92, (0.0, 0.0, 0.0))
+    rows["value"][rows["t_ns"] < 150e9, 3] += 0.5
+    return replace(navigated(samples, fixes), measurements=rows)
+
+
+@golden("navigation")
 def pose_alone():
     """There is no receiver; at first longitude and yaw are not known."""
     d, arm = road(60.0), (0.5, 0.2, -1.0)

@@ -86,8 +86,8 @@ class Devices:
         self._settings = settings
         for receiver in self.in_use.receivers():
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
-        if (imu := self.in_use.imu) and imu.port.configured:
-            imu.sensor.pipeline.filter.configure(self._settings_of(imu.port, imu.port.configured))
+        if imu := self.in_use.imu:
+            imu.sensor.pipeline.filter.configure(self._settings_of(imu.port, imu.sensor.configured))
 
     def _settings_of(self, port: Port, configured: Configured) -> Settings:
         """With the profile and the mounting of the sensor on that port."""
@@ -169,9 +169,9 @@ class Devices:
         for port in self.ports:
             port.log_line_warning()
         self._routes.record_clock(now_ns)
-        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
+        if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.save_when_due(configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
+            self._store.save_when_due(sensor.configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
         return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
 
     def _compare(self, port: Port, sensor: Inertial) -> None:
@@ -186,10 +186,10 @@ class Devices:
         if self.spares.is_wrong(port) and successor and not self.spares.is_wrong(successor):
             port.lost(findings[0])
             self._take_over()
-        elif findings and not disagreed and isinstance(configured := port.configured, ImuConfigured):
-            driver = by_name(configured.identity.driver)
+        elif findings and not disagreed:
+            driver = by_name(sensor.configured.identity.driver)
             if driver.kind == "imu":
-                self._use(port, driver, replace(configured, still_powered=False))
+                self._use(port, driver, replace(sensor.configured, still_powered=False))
 
     def _take_over(self) -> None:
         """A spare becomes the sensor in use."""
@@ -314,9 +314,9 @@ class Devices:
 
     def close(self) -> None:
         """Close all ports."""
-        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
+        if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.close(configured, port.spec.path, sensor, self.spares.to_store(port))
+            self._store.close(sensor.configured, port.spec.path, sensor, self.spares.to_store(port))
         for port in self.ports:
             port.close()
         if self.corrections is not None:

@@ -25,7 +25,7 @@ class Identity:
     serial: str = ""
     firmware: str = ""
     baud: int = 0  # also 0 on SPI
-    profile: str = ""  # name of the noise profile that fits this model
+    profile: str = ""  # name of the noise profile that fits this model; else that of an unknown sensor is used
     spi: bool = False  # how it is connected
     streaming: bool = False  # it sent samples by itself when it was found
 
@@ -134,10 +134,11 @@ class ImuDriver(Driver, Protocol):
         """Set the device up and start its stream. None: it stopped answering, or sends nothing."""
 
     def new_state(self, configured: ImuConfigured) -> NDArray[np.void]:
-        """A fresh decoder state, an array of one record, for `decode`.
+        """A fresh decoder state, an array of one record, for `decode`. It has DECODER_FIELDS, each <i8, and its own.
 
-        Every state has the fields leftover, frames, junk, bad, lost, suspect and errors (counters, i8), and status
-        (i8): the device's last status word.
+        leftover: bytes kept at the front of the buffer. Counted since the connection: good frames; junk, bytes of no
+        frame; bad, damaged frames; lost and suspect samples; errors, samples that the device flags. status: the
+        device's last status word.
         """
 
     @property
@@ -254,4 +255,5 @@ class NativeProtocol(Protocol):
         """The name of the other driver."""
 
 
+DECODER_FIELDS = ("leftover", "frames", "junk", "bad", "lost", "suspect", "errors", "status")  # see ImuDriver.new_state
 AnyDriver = ImuDriver | GnssDriver

@@ -163,10 +163,9 @@ def device(
     """
     name, baud = args.devices[index]
     options = _DeviceOptions(args, scene, utc, name, baud, np.random.default_rng([args.seed, index]), list(faults))
-    built = _windowed(options) if name in VARIANTS else _BUILDERS[name](options)
-    if of_layer("wire", faults) or log is not None:
-        rng = np.random.default_rng([args.seed, index, 1])
-        built.uart.damage = Wire(name, of_layer("wire", faults), rng, log)
+    built = _BUILDERS[name](options)
+    if (wire := _wire(args, index, faults, log)) is not None:
+        built.uart.damage = wire
     if scene.ports is not None and scene.playback is not None:
         leads = index == next((i for i, port in enumerate(scene.ports) if port.device not in RECEIVERS), 0)
         built = BytePlayback(built, scene.ports[index], scene.playback, leads)
@@ -188,8 +187,7 @@ def kernel_device(
     before = sum(_iio_devices(other) for other, _ in args.devices[:index])
     if name in POLLED:
         assert scene.trajectory is not None, "`cli` refuses it with a recording"
-        rng, damage = np.random.default_rng([args.seed, index]), np.random.default_rng([args.seed, index, 1])
-        wire = Wire(name, of_layer("wire", faults), damage, log) if of_layer("wire", faults) or log else None
+        rng, wire = np.random.default_rng([args.seed, index]), _wire(args, index, faults, log)
         return PolledDevice(name, before, scene.trajectory, rng, args.iio_root, faults, ideal=args.ideal, wire=wire)
     return _iio_chip(args, scene, index, faults, start, before)
 
@@ -205,9 +203,16 @@ def program(
     """Device number `index` of the command line, a program that sends datagrams; arguments: see `device`."""
     assert scene.trajectory is not None, "`cli` refuses it with a recording"
     name, _ = args.devices[index]
-    rng, damage = np.random.default_rng([args.seed, index]), np.random.default_rng([args.seed, index, 1])
-    wire = Wire(name, of_layer("wire", faults), damage, log) if of_layer("wire", faults) or log else None
+    rng, wire = np.random.default_rng([args.seed, index]), _wire(args, index, faults, log)
     return Program(name, scene.trajectory, rng, args.send, utc, faults, ideal=args.ideal, wire=wire)
+
+
+def _wire(args: argparse.Namespace, index: int, faults: Sequence[Fault], log: WireLog | None) -> Wire | None:
+    """What damages, or logs, the messages of device number `index`; None: nothing does."""
+    damaging = of_layer("wire", faults)
+    if not damaging and log is None:
+        return None
+    return Wire(args.devices[index][0], damaging, np.random.default_rng([args.seed, index, 1]), log)
 
 
 def _iio_devices(name: str) -> int:
@@ -307,6 +312,7 @@ def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[flo
 
 _BUILDERS: dict[str, Callable[[_DeviceOptions], Device]] = {
     **dict.fromkeys(OTHERS, _other),
+    **dict.fromkeys(VARIANTS, _windowed),
     "g350": _g350,
     "m8": _ublox(NEO_M8N),
     "nmea": _nmea,

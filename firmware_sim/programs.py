@@ -9,7 +9,7 @@ import math
 import socket
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,57 +40,49 @@ def _body_velocity(truth: Truth) -> Array:
 
 @dataclass(frozen=True)
 class Kind:
-    """message: class of the datagrams. values: what an ideal system measures, by `fields`. sigma: of its errors, in m,
-    deg or m/s; unit: of these in the units of the fields. scale: its lasting error. shifted: the field to which the
-    fault "offset" adds; scaled: those that "scale" multiplies. stated: its sigmas, as it says them."""
+    """What a program sends."""
 
-    message: str
+    message: str  # class of the datagrams
     fields: tuple[str, ...]
-    values: Callable[[Truth], Array]
-    sigma: tuple[float, ...]
-    unit: tuple[float, ...]
-    scale: float
-    shifted: int
-    scaled: tuple[int, ...]
-    stated: dict[str, float]
+    values: Callable[[Truth], Array]  # what an ideal system measures, by `fields`
+    sigma: tuple[float, ...]  # of its errors, in m, deg or m/s
+    unit: tuple[float, ...]  # of these in the units of the fields
+    scale: float  # its lasting error
+    shifted: int  # the field to which the fault "offset" adds
+    scaled: tuple[int, ...]  # those that "scale" multiplies
+    stated: dict[str, float]  # its sigmas, as it says them
 
 
-_ONES = (1.0, 1.0, 1.0)
-KINDS = {
-    "pose": Kind(
-        "POSE",
-        ("lat", "lon", "height", "yaw"),
-        _pose,
-        (0.1, 0.1, 0.1, 0.5),
-        (_DEG_PER_M, _DEG_PER_M, 1.0, 1.0),
-        1.0,
-        0,
-        (2,),
-        {"sn": 0.15, "se": 0.15, "sd": 0.15, "syaw": 1.0},
-    ),
-    "velocity": Kind(
-        "VEL",
-        ("vn", "ve", "vd"),
-        _velocity,
-        (0.08,) * 3,
-        _ONES,
-        1.01,
-        0,
-        (0, 1, 2),
-        {"svn": 0.1, "sve": 0.1, "svd": 0.1},
-    ),
-    "body_velocity": Kind(
-        "BODYVEL",
-        ("vx", "vy", "vz"),
-        _body_velocity,
-        (0.08,) * 3,
-        _ONES,
-        1.01,
-        0,
-        (0, 1, 2),
-        {"svx": 0.1, "svy": 0.1, "svz": 0.1},
-    ),
-}
+_POSE = Kind(
+    message="POSE",
+    fields=("lat", "lon", "height", "yaw"),
+    values=_pose,
+    sigma=(0.1, 0.1, 0.1, 0.5),
+    unit=(_DEG_PER_M, _DEG_PER_M, 1.0, 1.0),
+    scale=1.0,
+    shifted=0,
+    scaled=(2,),
+    stated={"sn": 0.15, "se": 0.15, "sd": 0.15, "syaw": 1.0},
+)
+_VELOCITY = Kind(
+    message="VEL",
+    fields=("vn", "ve", "vd"),
+    values=_velocity,
+    sigma=(0.08,) * 3,
+    unit=(1.0,) * 3,
+    scale=1.01,
+    shifted=0,
+    scaled=(0, 1, 2),
+    stated={"svn": 0.1, "sve": 0.1, "svd": 0.1},
+)
+_BODY_VELOCITY = replace(
+    _VELOCITY,
+    message="BODYVEL",
+    fields=("vx", "vy", "vz"),
+    values=_body_velocity,
+    stated={"svx": 0.1, "svy": 0.1, "svz": 0.1},
+)
+KINDS = {"pose": _POSE, "velocity": _VELOCITY, "body_velocity": _BODY_VELOCITY}
 
 
 class Program:
@@ -154,10 +146,10 @@ class Program:
         true = kind.values(self._trajectory.at(np.array([t])))
         scale = 1.0 + self._size * (kind.scale - 1.0)
         values = scale * true + self._size * np.multiply(kind.sigma, kind.unit) * self._error
-        said = [fault(t, float(value)) for fault, value in zip(self._readings, values, strict=True)]
+        readings = [fault(t, float(value)) for fault, value in zip(self._readings, values, strict=True)]
         active = {fault.name: fault.value for fault in self._faults if fault.span.holds(t)}
         time = {} if "untimed" in active else {"t": round(self._utc + t - active.get("clock", 0.0), 6)}
-        numbers = {name: round(value, 9) for name, value in zip(kind.fields, said, strict=True)}
+        numbers = {name: round(value, 9) for name, value in zip(kind.fields, readings, strict=True)}
         return json.dumps({"class": kind.message, **time, **numbers, **kind.stated})
 
     def idle(self) -> None:

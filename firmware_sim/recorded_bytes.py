@@ -71,9 +71,9 @@ def read(path: Path) -> list[RecordedPort]:
                     for number, t_ns, data in _reads(message.data):
                         _add(ports, number, t_ns, data)
                 elif channel.topic.startswith(_RAW):  # before version 2
-                    said = json.loads(message.data)
-                    data = base64.b64decode(said["data"], validate=True)
-                    _add(ports, int(channel.topic[len(_RAW) :]), said["t_ns"], data)
+                    item = json.loads(message.data)
+                    data = base64.b64decode(item["data"], validate=True)
+                    _add(ports, int(channel.topic[len(_RAW) :]), item["t_ns"], data)
         except (McapError, struct.error, ValueError, IndexError, KeyError, TypeError, binascii.Error) as error:
             raise DataError(
                 f"{path} is damaged ({type(error).__name__}): what can be read of it plays with "
@@ -85,14 +85,14 @@ def read(path: Path) -> list[RecordedPort]:
     return found
 
 
-def _connect(path: Path, ports: dict[int, RecordedPort], said: dict[str, Any]) -> None:
-    if said.get("streaming", True) and said["port"] not in ports:
-        configured = said["configured"]
-        model = configured["identity"].get("model") or said["driver"]
-        names = _MODELS.get(said["driver"], {})
+def _connect(path: Path, ports: dict[int, RecordedPort], connection: dict[str, Any]) -> None:
+    if connection.get("streaming", True) and connection["port"] not in ports:
+        configured = connection["configured"]
+        model = configured["identity"].get("model") or connection["driver"]
+        names = _MODELS.get(connection["driver"], {})
         device = next((name for start, name in names.items() if model.startswith(start)), "")
         polled = configured.get("request") is not None
-        ports[said["port"]] = RecordedPort(path, device, model, polled, configured.get("rate_hz", 0.0))
+        ports[connection["port"]] = RecordedPort(path, device, model, polled, configured.get("rate_hz", 0.0))
 
 
 def _add(ports: dict[int, RecordedPort], number: int, t_ns: int, data: bytes) -> None:

@@ -252,6 +252,6 @@ def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: S
         f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
         f"<script>{plotly_js()}</script><script>{constants}{SCRIPT}</script></head>"
     )
-    said = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
-    page = f"{head}<body>{said}{''.join(map(_html, figures))}</body></html>"
+    body = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
+    page = f"{head}<body>{body}{''.join(map(_html, figures))}</body></html>"
     path.write_text(page, encoding="utf-8", errors="replace")  # the name of a file may be no UTF-8

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from imud.drivers import elementary
-from imud.drivers.driver import ImuDriver
+from imud.drivers.driver import DECODER_FIELDS, ImuDriver
 from imud.drivers.sample import MOUNTING_UNKNOWN, SAMPLE
 
 from .clocks.counter import CLOCK, stamp
 from .compile.entry import address_of, entry, set_unique_name
 from .compile.jit import inlined, kernel
 from .compile.system import call, records
+from .errors import ImudError
 from .estimators import Estimator
 from .estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from .math.arrays import Integers, Records
@@ -263,7 +264,9 @@ def _collector(pending: Kernel) -> Kernel:
 
 
 def decoding(driver: ImuDriver, decoder: Records) -> int:
-    """Address of the compiled driver's half of `ingest`."""
+    """Address of the compiled driver's half of `ingest`. decoder: its state. Raises ImudError if that lacks a field."""
+    if missing := [name for name in DECODER_FIELDS if name not in (decoder.dtype.names or ())]:
+        raise ImudError(f"the decoder's state of the driver {driver.name} has no field {', '.join(missing)}")
     return address_of(_decoder(driver.decode, decoder.dtype))
 
 

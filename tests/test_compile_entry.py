@@ -10,6 +10,7 @@ from imud.compile import build, entry, library
 from imud.compile.c import Translation
 from imud.compile.entry import Entry, address_of, recording_entries
 from imud.drivers.jit import kernel
+from imud.errors import ImudError
 
 PAIR = np.dtype([("a", "<f8"), ("n", "<i8")], align=True)
 
@@ -137,3 +138,14 @@ def test_entries_made_for_different_kernels_or_records_have_different_names():
     parts = ((total,), (double,), (total, PAIR), (total, np.dtype(float)))
     names = {entry.symbol(composed(*part), [None]) for part in parts}
     assert len(names) == len(parts)
+
+
+def test_what_numba_cannot_compile_is_named_with_the_reason(monkeypatch):
+    def first(n):
+        return sorted({n: n})[0].name
+
+    monkeypatch.setattr(library, "library", lambda: None)
+    for call in (lambda: Entry(first)(1), lambda: address_of(Entry(first))):
+        with pytest.raises(ImudError, match=r"numba cannot compile .*first; docs/compile\.md") as caught:
+            call()
+        assert "sorted" in str(caught.value) and "\x1b" not in str(caught.value)

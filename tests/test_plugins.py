@@ -9,12 +9,15 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import daemon
 
+from imud.drivers.driver import DECODER_FIELDS
 from imud.drivers.plugins import plugins
-from imud.errors import CannotCreateError, ConfigError
+from imud.errors import CannotCreateError, ConfigError, ImudError
 from imud.outputs.plugin import opened
+from imud.stages import decoding
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "docs" / "plugin"
 RATE_DPS = 10.0
@@ -122,3 +125,13 @@ def test_an_output_that_is_not_there_or_does_not_open_is_named(monkeypatch):
         opened("refuses")
     with pytest.raises(CannotCreateError, match="refuses:x: no space"):
         opened("refuses:x")
+
+
+def test_a_decoder_whose_state_lacks_a_field_is_named():
+    class Driver:
+        name = "incomplete"
+        decode = staticmethod(len)
+
+    state = np.zeros(1, [(name, "<i8") for name in DECODER_FIELDS if name not in ("lost", "status")])
+    with pytest.raises(ImudError, match="driver incomplete has no field lost, status"):
+        decoding(Driver(), state)

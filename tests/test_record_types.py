@@ -11,7 +11,7 @@ DECORATORS = {"kernel", "unrolled"}
 
 @pytest.mark.parametrize("path", record_types.FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_the_types_are_those_of_the_dtypes(path):
-    assert path.read_text() == record_types.text(path)
+    assert path.read_text() == record_types.text(path), "`python tests/record_types.py` writes the files anew"
 
 
 def test_a_field_is_a_number_an_array_or_a_record():

@@ -20,7 +20,7 @@ from recorded import reads_of, stored
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from imud.commands import replay_recordings
+from imud.commands.replay import recordings
 from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
 from imud.estimators.innovation_kinds import KINDS
@@ -181,8 +181,8 @@ def test_workers_without_this_imud_are_named():
 
 def test_files_of_a_name_are_distinguished_by_their_folders():
     paths = [Path(text) for text in ("/x/a/drive.mcap", "/x/b/drive.mcap", "/x/b/other.mcap")]
-    assert replay_recordings.distinct_names(paths) == ["a_drive", "b_drive", "other"]
-    assert replay_recordings.distinct_names(paths[1:]) == ["drive", "other"]
+    assert recordings.distinct_names(paths) == ["a_drive", "b_drive", "other"]
+    assert recordings.distinct_names(paths[1:]) == ["drive", "other"]
 
 
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):

@@ -76,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
     polled = [] if args.port else polled_sensors()
     for sensor in polled:
         setting = f'--set aiding.iio=["{sensor.name}"]'
-        said = {"sensor": sensor.name, "kind": sensor.kind, "folder": sensor.folder, "setting": setting}
+        result = {"sensor": sensor.name, "kind": sensor.kind, "folder": sensor.folder, "setting": setting}
         print(
-            json.dumps(said) if args.json else f"{sensor.folder}: {sensor.name}, {sensor.kind}, {setting}", flush=True
+            json.dumps(result) if args.json else f"{sensor.folder}: {sensor.name}, {sensor.kind}, {setting}", flush=True
         )
     if not specs and not polled:
         raise DeviceAbsentError(

@@ -18,6 +18,7 @@ import numpy as np
 
 from imud.drivers.jit import Kernel
 
+from ..errors import ImudError
 from . import library
 from .hashing import digest_of
 
@@ -43,7 +44,7 @@ class Entry(Kernel):
         self._words: list[int] = []
 
     def __call__(self, *arguments: Any) -> int:
-        """Raises TypeError if an argument is not of the type it was in the first call."""
+        """Raises TypeError if an argument is not of the type it was in the first call; ImudError as `address`."""
         if _recorded is not None:
             return self._record_call(arguments)
         if not self._dtypes:
@@ -52,11 +53,17 @@ class Entry(Kernel):
         for i, argument in enumerate(arguments):
             if argument is not last[i]():
                 self._set_argument(i, argument)
-        return int(self.by_numba(*arguments) or 0) if self._call is None else self._call(*self._words)
+        if self._call is not None:
+            return self._call(*self._words)
+        with _compiling(self.name):
+            return int(self.by_numba(*arguments) or 0)
 
     @property
     def address(self) -> int:
-        """Address of the machine code, for callers that are compiled themselves. All arguments must be integers."""
+        """Address of the machine code, for callers that are compiled themselves. All arguments must be integers.
+
+        Raises ImudError where numba has to compile the function and cannot.
+        """
         integers = (0,) * self._parameters
         if _recorded is not None:
             return self._record_call(integers)
@@ -75,7 +82,8 @@ class Entry(Kernel):
 
         long = numba.types.int64
         signature = long(*[long] * self._parameters)
-        return numba.cfunc(signature, cache="NUMBA_CACHE_DIR" in os.environ, error_model="numpy")(self.py_func)
+        with _compiling(self.name):
+            return numba.cfunc(signature, cache="NUMBA_CACHE_DIR" in os.environ, error_model="numpy")(self.py_func)
 
     def _record_call(self, arguments: tuple[Any, ...]) -> int:
         assert _recorded is not None
@@ -101,6 +109,20 @@ class Entry(Kernel):
             self._last[i] = weakref.ref(argument)
         else:
             raise TypeError(f"{self.name}: argument {i} must be a writable contiguous array of {dtype}")
+
+
+@contextlib.contextmanager
+def _compiling(name: str) -> Iterator[None]:
+    """Within the block numba may compile the function of this name. Raises ImudError if it cannot, with its reason."""
+    try:
+        yield
+    except Exception as error:
+        from numba.core.errors import NumbaError
+
+        if not isinstance(error, NumbaError):
+            raise
+        reason = re.sub(r"\x1b\[\d*m", "", str(error))  # without colours
+        raise ImudError(f"numba cannot compile {name}; docs/compile.md says what a kernel may use\n{reason}") from error
 
 
 def _prepare_numba() -> None:

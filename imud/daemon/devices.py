@@ -86,8 +86,8 @@ class Devices:
         self._settings = settings
         for receiver in self.in_use.receivers():
             receiver.settings, receiver.aiding = settings.gnss, settings.aiding
-        if (imu := self.in_use.imu) and imu.port.configured:
-            imu.sensor.pipeline.filter.configure(self._settings_of(imu.port, imu.port.configured))
+        if imu := self.in_use.imu:
+            imu.sensor.pipeline.filter.configure(self._settings_of(imu.port, imu.sensor.configured))
 
     def _settings_of(self, port: Port, configured: Configured) -> Settings:
         """With the profile and the mounting of the sensor on that port."""
@@ -126,7 +126,7 @@ class Devices:
                 return 0, []
             if self.in_use.gnss and port is self.in_use.gnss.port:
                 return 0, self.in_use.gnss.sensor.read(port.line, now_ns)
-            if sensor := self.in_use.sensors.get(port):
+            if sensor := self.in_use.aiding_sensors.get(port):
                 sensor.read(port.line, now_ns)
                 return 0, []
             port.on_event()
@@ -158,7 +158,7 @@ class Devices:
             silent = now_ns > self._stream_check.silent_from_ns(sensor)
             if silent and not isinstance(port.line, KnownDevice):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
-        for port in [port for port, sensor in self.in_use.sensors.items() if sensor.decoder.status.arrival_ns]:
+        for port in [port for port, sensor in self.in_use.aiding_sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
         if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):
             self.in_use.imu.port.lost(why)
@@ -169,9 +169,9 @@ class Devices:
         for port in self.ports:
             port.log_line_warning()
         self._routes.record_clock(now_ns)
-        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
+        if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.save_when_due(configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
+            self._store.save_when_due(sensor.configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
         return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
 
     def _compare(self, port: Port, sensor: Inertial) -> None:
@@ -186,10 +186,10 @@ class Devices:
         if self.spares.is_wrong(port) and successor and not self.spares.is_wrong(successor):
             port.lost(findings[0])
             self._take_over()
-        elif findings and not disagreed and isinstance(configured := port.configured, ImuConfigured):
-            driver = by_name(configured.identity.driver)
+        elif findings and not disagreed:
+            driver = by_name(sensor.configured.identity.driver)
             if driver.kind == "imu":
-                self._use(port, driver, replace(configured, still_powered=False))
+                self._use(port, driver, replace(sensor.configured, still_powered=False))
 
     def _take_over(self) -> None:
         """A spare becomes the sensor in use."""
@@ -210,7 +210,7 @@ class Devices:
     def connected(self, port: Port, driver: AnyDriver, configured: Configured) -> None:
         """A device streams."""
         if driver.kind == "gnss" and isinstance(configured, GnssConfigured) and not configured.positions:
-            self._use_sensor(port, driver, configured)
+            self._use_aiding_sensor(port, driver, configured)
             return
         if other := self.in_use.by_kind().get(driver.kind):
             self._keep_as_spare(port, driver, configured, other[0])
@@ -242,11 +242,11 @@ class Devices:
         self.described = self.in_use.described()
         garbage.set_aside()
 
-    def _use_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
+    def _use_aiding_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
         """A sensor streams that has no positions, but perhaps a heading, a speed or a pressure."""
         now_ns, gnss, aiding = time.monotonic_ns(), self._settings.gnss, self._settings.aiding
-        self.in_use.sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
-        self._routes.record(port, self.in_use.sensors[port], now_ns)
+        self.in_use.aiding_sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
+        self._routes.record(port, self.in_use.aiding_sensors[port], now_ns)
         identity = configured.identity
         self._log.info("streaming", port=port.spec.path, device=identity.model, baud=identity.baud)
 
@@ -299,7 +299,7 @@ class Devices:
         if self.in_use.gnss and self.in_use.gnss.port is port:
             self._log.info("receiver ended", port=port.spec.path, **self.in_use.gnss.sensor.counters())
             self.in_use.gnss = None
-        if sensor := self.in_use.sensors.pop(port, None):
+        if sensor := self.in_use.aiding_sensors.pop(port, None):
             self._log.info("sensor ended", port=port.spec.path, **sensor.counters())
         if self.in_use.imu:
             self._routes.read_directly()  # what disconnected may have been the last spare
@@ -314,9 +314,9 @@ class Devices:
 
     def close(self) -> None:
         """Close all ports."""
-        if self.in_use.imu and isinstance(configured := self.in_use.imu.port.configured, ImuConfigured):
+        if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.close(configured, port.spec.path, sensor, self.spares.to_store(port))
+            self._store.close(sensor.configured, port.spec.path, sensor, self.spares.to_store(port))
         for port in self.ports:
             port.close()
         if self.corrections is not None:

@@ -27,7 +27,7 @@ class SensorsInUse:
 
     imu: InUse[Inertial] | None = None
     gnss: InUse[Receiver] | None = None
-    sensors: dict[Port, Receiver] = field(default_factory=dict)  # without positions: compasses, logs, barometers
+    aiding_sensors: dict[Port, Receiver] = field(default_factory=dict)  # without positions: compasses, logs, barometers
 
     def by_kind(self) -> dict[str, InUse[Inertial] | InUse[Receiver]]:
         """The inertial sensor and the receiver that stream, by the kind of their drivers."""
@@ -36,7 +36,7 @@ class SensorsInUse:
 
     def all(self) -> list[tuple[Port, Inertial | Receiver]]:
         """Everything that streams."""
-        return [*self.by_kind().values(), *self.sensors.items()]
+        return [*self.by_kind().values(), *self.aiding_sensors.items()]
 
     def described(self) -> tuple[Device, ...]:
         """The inertial sensor and the receiver that stream, as the clients see them."""
@@ -45,7 +45,7 @@ class SensorsInUse:
 
     def receivers(self) -> list[Receiver]:
         """The receiver, and the sensors with a receiver's protocol."""
-        return [*([self.gnss.sensor] if self.gnss else []), *self.sensors.values()]
+        return [*([self.gnss.sensor] if self.gnss else []), *self.aiding_sensors.values()]
 
 
 def _described(path: str, identity: Identity) -> Device:

@@ -23,15 +23,7 @@ from ..errors import ImudError, UsageError
 from ..process.python import python_command
 
 SCHEME = "sim:"
-DEVICES = {
-    None: "g350",
-    "epson": "g350",
-    "crossbow": "rga300",
-    "seraccel": "seraccel",
-    "nmea": "nmea",
-    "ubx": "ubx",
-    "iio": "bmi160",
-}  # by driver
+DEVICES = {None: "g350", "epson": "g350", "crossbow": "rga300", "iio": "bmi160"}  # by driver; others have its name
 OTHERS = ("wheel", "baro", "compass")  # devices that the user names themselves instead of a driver; all speak NMEA
 POLLED = ("bmp280", "ak8975")  # of the kernel: no ports, but `aiding.iio`
 PROGRAMS = ("pose", "velocity", "body_velocity")  # no ports, but programs that send datagrams
@@ -133,7 +125,7 @@ def _spec(text: str) -> PortSpec:
 
 def _device(spec: PortSpec) -> str:
     """What the emulator calls the device of a driver."""
-    return str(spec.driver) if spec.driver in (*OTHERS, *POLLED, *PROGRAMS) else DEVICES[spec.driver]
+    return DEVICES.get(spec.driver) or str(spec.driver)
 
 
 @contextlib.contextmanager

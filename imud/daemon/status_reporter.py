@@ -38,7 +38,7 @@ class StatusReporter:
         self._log = get_logger()
         self._change_logger = ChangeLogger(self._log)
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
-        self._others: dict[Port, tuple[str, ...]] = {}  # spares, and sensors without positions
+        self._faults_of_others: dict[Port, tuple[str, ...]] = {}
         self._out_of_limits: tuple[str, ...] = ()
         self._checked_ns = 0
         self._started_ns = time.monotonic_ns()
@@ -71,8 +71,13 @@ class StatusReporter:
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
         self._out_of_limits = self._beyond_limits(now_ns)
-        others: dict[Port, Inertial | Receiver] = {**self._devices.spares.sensors, **self._devices.in_use.sensors}
-        self._others = {port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in others.items()}
+        self._faults_of_others = {
+            port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in self._others().items()
+        }
+
+    def _others(self) -> dict[Port, Inertial | Receiver]:
+        """What streams beside the inertial sensor and the receiver in use: spares, and sensors without positions."""
+        return {**self._devices.spares.sensors, **self._devices.in_use.aiding_sensors}
 
     def _check(self, name: str, port: Port, sensor: Inertial | Receiver, now_ns: int) -> tuple[str, ...]:
         faults = (*sensor.faults(now_ns), *self._devices.spares.findings(port))
@@ -134,8 +139,7 @@ class StatusReporter:
         devices = self._devices
         parts: dict[Port, tuple[Inertial | Receiver, tuple[str, ...] | None]]
         parts = {port: (sensor, self._faults[kind]) for kind, (port, sensor) in devices.in_use.by_kind().items()}
-        others: dict[Port, Inertial | Receiver] = {**devices.spares.sensors, **devices.in_use.sensors}
-        parts |= {port: (sensor, self._others.get(port)) for port, sensor in others.items()}
+        parts |= {port: (sensor, self._faults_of_others.get(port)) for port, sensor in self._others().items()}
         return status_tables.status_object(
             {
                 **status_tables.of_process(self._started_ns),

@@ -19,58 +19,48 @@ from .tuning import Tunable
 
 @dataclass(frozen=True)
 class Estimator:
-    """name: what the user calls it.
+    """What imud knows of an estimator: kernels, and functions that Python calls now and then.
 
-    configure(settings, rate_hz) -> parameters (1 element). start(parameters, initial) -> state (1 element).
-    step(parameters[0], state[0], sample, solution): one inertial sample in, one solution row out.
-    update(parameters[0], state[0], fix, innovations) -> rows of `innovations` written. None: takes no fixes.
-    pending_innovations(state[0], innovations) -> rows of `innovations` that steps have made since
-    the last call; None: never any.
-    needs_gyros: useless on a sensor without rates about all three axes.
-    aid(parameters[0], state[0], measurement, innovations) -> rows of `innovations`; a measurement (MEASUREMENT) of one
-    of `sources`. None: GNSS only.
-    tunables: the constants that the settings' table `NAME.tuning` may change.
-    restore_biases(state, biases): begin with these instead of unknown ones. None: it cannot.
-    checkpoint(state) -> record (1 element) with which resume(state, record) lets a state before its first sample go on
-    after a restart of the program. None: it cannot.
-    backward_tuning(solution, factor) -> tunables, by name, with which a filter begins at that solution with sigmas
-    `factor` times as large, and takes epochs as known; for smoothing. None: it cannot run backward in time.
-    fix_delay_s(state) -> by how much a fix is older than its epoch says, s. None: it does not estimate it.
-    source_ages_s(state) -> by how much measurements are older than their epochs say, s, by the code of their source.
-    None: it does not estimate it.
-    source_estimates(state) -> by the code of a source, what was found out of it: `scale` (that of its readings),
-    `offset_m`, each with its sigma (`s…`), and `finding`, why its measurements are not used. None: it finds nothing.
-    variances(state) -> those of the horizontal position and height, m^2, horizontal velocity, (m/s)^2, and heading,
-    rad^2; None: it does not navigate yet. None: it has none.
-    place(state) -> latitude and longitude, rad, and height, m; None: not known yet. None: it has none.
-    filter_states(state) -> at most one row of FILTER_STATES (`filter_states`): what it estimates beside its solution.
-    None: nothing that others want to know.
-    rates_of_interval: it takes a reading for that of the interval before its time; else for that of the instant.
-    survives_power_on: a sample with POWER_ON resets its biases, or it estimates none; else it is started anew then.
+    parameters and state are structured arrays of one element; kernels get the element itself. None: the estimator
+    has none of it. The smallest one is in `docs/plugin`.
     """
 
-    name: str
-    configure: Callable[[Settings, float], Records]
-    start: Callable[[Records, Initial], Records]
-    step: Callable[[Any, Any, Any, Any], None]
-    update: Callable[[Any, Any, Any, Any], int] | None
-    needs_gyros: bool = True
-    survives_power_on: bool = False
-    rates_of_interval: bool = False
-    restore_biases: Callable[[Records, Biases], None] | None = None
-    checkpoint: Callable[[Records], Records] | None = None
-    resume: Callable[[Records, Records], None] | None = None
+    name: str  # what the user calls it
+    configure: Callable[[Settings, float], Records]  # (settings, rate_hz) -> parameters
+    start: Callable[[Records, Initial], Records]  # (parameters, initial) -> state
+    step: Callable[[Any, Any, Any, Any], None]  # kernel (parameters, state, sample, solution): one row of SOLUTION
+    update: Callable[[Any, Any, Any, Any], int] | None  # kernel (parameters, state, fix, innovations) -> rows written
+
+    # Other measurements, innovations, constants
+    aid: Callable[[Any, Any, Any, Any], int] | None = None  # as `update`, for a MEASUREMENT
+    sources: tuple[AidingSource, ...] = ()  # of these measurements
+    pending_innovations: Callable[[Any, Any], int] | None = None  # kernel (state, innovations) -> rows, made by steps
+    tunables: tuple[Tunable, ...] = ()  # what the settings' table `NAME.tuning` may change
+
+    # Which sensors suit it
+    needs_gyros: bool = True  # it is useless on a sensor without rates about all three axes
+    survives_power_on: bool = False  # a sample with POWER_ON resets its biases, if it has any; else it is started anew
+    rates_of_interval: bool = False  # a rate is the mean of the interval before its time; else that of the instant
+
+    # A restart of the program
+    restore_biases: Callable[[Records, Biases], None] | None = None  # (state, biases): begin with these
+    checkpoint: Callable[[Records], Records] | None = None  # (state) -> record, with which
+    resume: Callable[[Records, Records], None] | None = None  # (state, record) goes on, before the first sample
+
+    # Smoothing: (solution, factor) -> tunables, by name, with which a filter begins at that solution, its sigmas times
+    # `factor`, and takes epochs as known; None: it cannot run backward in time
     backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
-    fix_delay_s: Callable[[Records], float] | None = None
-    source_ages_s: Callable[[Records], Floats] | None = None
+
+    # What the state says, for outputs and reports
+    fix_delay_s: Callable[[Records], float] | None = None  # by how much fixes are older than their epochs, s
+    source_ages_s: Callable[[Records], Floats] | None = None  # the same of measurements, by the code of their source
+    # by the code of a source: `scale` and `offset_m` of its readings, each with its sigma (`s…`); `finding`: why its
+    # measurements are not used
     source_estimates: Callable[[Records], dict[int, dict[str, float | str]]] | None = None
+    # of horizontal position and height, m^2, horizontal velocity, (m/s)^2, heading, rad^2; None before it navigates
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
-    place: Callable[[Records], tuple[float, float, float] | None] | None = None
-    filter_states: Callable[[Records], Records] | None = None
-    pending_innovations: Callable[[Any, Any], int] | None = None
-    tunables: tuple[Tunable, ...] = ()
-    aid: Callable[[Any, Any, Any, Any], int] | None = None
-    sources: tuple[AidingSource, ...] = ()
+    place: Callable[[Records], tuple[float, float, float] | None] | None = None  # latitude, longitude, rad; height, m
+    filter_states: Callable[[Records], Records] | None = None  # at most one row of FILTER_STATES
 
     @property
     def table(self) -> str:

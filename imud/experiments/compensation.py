@@ -63,7 +63,7 @@ def compensation_rows() -> list[Row]:
     for roll, pitch in ATTITUDES_DEG:
         unit = at_rest(roll, pitch)
         where = f"9.8 sin(angle) at rest, roll {roll:.0f}, pitch {pitch:.0f} deg"
-        said = f"{unit.left[0]:.3f} m/s², {unit.moved[0]:.1f} m in {REST_S:.0f} s"
-        rows.append(Row(f"{where}: left as printed", "0", said))
+        result = f"{unit.left[0]:.3f} m/s², {unit.moved[0]:.1f} m in {REST_S:.0f} s"
+        rows.append(Row(f"{where}: left as printed", "0", result))
         rows.append(at_most(f"{where}: left by the rotation", "0", unit.left[1], 1e-9, "m/s²"))
     return rows

@@ -53,12 +53,12 @@ def _tracked(data: Recorded, fixes: Records) -> tuple[Floats, Floats, Floats]:
 
 def _gps_rows(fixes: Records, raw: Floats, p: Floats, sigma: Floats, nis: Floats) -> list[Row]:
     few = int(np.count_nonzero((fixes["satellites"] >= 0) & (fixes["satellites"] <= 4)))
-    said = f"RMS {rms(p - raw):.2f} m, σ {sigma.mean():.2f} m"
+    result = f"RMS {rms(p - raw):.2f} m, σ {sigma.mean():.2f} m"
     return [
         Row("fixes; of them with 4 satellites or fewer", "greater than 4", f"{len(fixes)}; {few}", few == 0),
         at_most("his filter: roughness of the track, of the fixes'", "smoother", roughness(p) / roughness(raw), 1.0),
         at_most("his filter: RMS distance from the fixes", "close correspondence", rms(p - raw), CEP_M, "m"),
-        Row("his filter, Q and R as printed: distance from the fixes, σ", "R = 0.5 m²", said),
+        Row("his filter, Q and R as printed: distance from the fixes, σ", "R = 0.5 m²", result),
         Row("his filter: NIS; 1 if Q and R fit", "not asked", f"{np.mean(nis):.2f}"),
     ]
 
@@ -117,8 +117,8 @@ def _navigation_rows(data: Recorded, fixes: Records, raw: Floats) -> list[Row]:
         return [Row(f"integrated, `{name}`", "position", "no position", False)]
     apart = plane(fixes, out["lat"][at], out["lon"][at])[known] - raw[known]
     sigma = float(np.mean(out["sigma_p"][at][known][:, :2]))
-    said = f"integrated, `{name}`: RMS distance from the fixes (σ {sigma:.2f} m)"
-    return [at_most(said, "close correspondence", rms(apart), CEP_M, "m")]
+    claim = f"integrated, `{name}`: RMS distance from the fixes (σ {sigma:.2f} m)"
+    return [at_most(claim, "close correspondence", rms(apart), CEP_M, "m")]
 
 
 def reproduce(data: Recorded) -> Report:

@@ -15,7 +15,7 @@ from ..errors import BadDataError
 from ..estimators.records import FIX
 from ..math.arrays import Records
 from ..recording.player import Player
-from ..recording.source import Recording, adapter, tell
+from ..recording.source import Recording, adapter, print_notes
 from ..setup import config
 from ..tables.fixes import fixes_of_file
 from ..tables.inputs import is_recording, read_imu
@@ -82,9 +82,9 @@ def _mcap(path: Path, file: Path | None, overrides: Sequence[str]) -> Recorded:
     )
     for entry in recording.entries(Player.TOPICS):
         player.take(entry)
-        if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu" and said.streaming:
-            axes = said.imu().gyro_axes
-    tell("reproduce", recording.notes)
+        if entry.topic == CONNECTIONS and (connection := entry.connection()).kind == "imu" and connection.streaming:
+            axes = connection.imu().gyro_axes
+    print_notes("reproduce", recording.notes)
     if not blocks:
         raise BadDataError(f"{path}: no samples of an inertial sensor in it")
     samples, known = np.concatenate(blocks), np.concatenate(fixes)

@@ -99,13 +99,13 @@ def _rest_rows(make: str, samples: Any, rest: dict[str, AttitudeRun]) -> list[Ro
     apart = float(np.max(np.abs(two_step.angles - rest["standard"].angles)) / np.max(np.abs(two_step.angles)))
     excess = np.abs(np.sum(force**2, axis=1) - 1.0)
     beyond = f"{excess.max():.4f}; {100 * np.mean(excess > filters.DELTA):.0f} % of the steps above δ"
-    said = f"experiment 1, {make}"
+    claim = f"experiment 1, {make}"
     return [
-        Row(f"{said}: variances of a_x, a_y in g², of the gyros in deg²/s²", PRINTED_VARIANCES, ours),
-        Row(f"{said}: largest ||a|² - 1|", "0.005 = δ", beyond),
-        at_most(f"{said}: largest pitch error", "0.733 deg", two_step.largest_deg(PITCH), 0.733, "deg"),
-        at_most(f"{said}: largest roll error", "0.909 deg", two_step.largest_deg(ROLL), 0.909, "deg"),
-        at_most(f"{said}: two-step from standard, as a part of the largest error", "almost the same", apart, 0.1),
+        Row(f"{claim}: variances of a_x, a_y in g², of the gyros in deg²/s²", PRINTED_VARIANCES, ours),
+        Row(f"{claim}: largest ||a|² - 1|", "0.005 = δ", beyond),
+        at_most(f"{claim}: largest pitch error", "0.733 deg", two_step.largest_deg(PITCH), 0.733, "deg"),
+        at_most(f"{claim}: largest roll error", "0.909 deg", two_step.largest_deg(ROLL), 0.909, "deg"),
+        at_most(f"{claim}: two-step from standard, as a part of the largest error", "almost the same", apart, 0.1),
     ]
 
 
@@ -136,19 +136,19 @@ def claims(make: str, runs: dict[str, AttitudeRun]) -> list[Row]:
     """What he says of experiment 2, with our rule and with 10 |e|."""
     rows = []
     for rule, order in (("141 e²", ORDER), ("10 |e|", WITH_PRINT)):
-        said, two_step = f"{make}, {rule}", runs[order[-1]]
+        claim, two_step = f"{make}, {rule}", runs[order[-1]]
         pitch, rolls = ([runs[n].rms_deg(axis) for n in order] for axis in (PITCH, ROLL))
         tops = [runs[n].largest_deg(ROLL) for n in order]
         r = two_step.r.mean(axis=0)
         roll, top = (", ".join(f"{value:.3f}" for value in values) for values in (rolls, tops))
         similar = np.ptp(pitch) / np.ptp(rolls)
         rows += [
-            Row(f"{said}: roll RMS in deg", " > ".join(ORDER), roll, is_ordered(runs, False, order)),
-            Row(f"{said}: largest roll error in deg", " > ".join(ORDER), top, is_ordered(runs, True, order)),
-            at_most(f"{said}: range of the three pitch RMS, as a part of roll's", "pitch similar", similar, 0.1),
-            Row(f"{said}: mean r1, r2", "r2 ≫ r1", f"{r[0]:.3f}, {r[1]:.3f}", bool(r[1] > 3.0 * r[0])),
+            Row(f"{claim}: roll RMS in deg", " > ".join(ORDER), roll, is_ordered(runs, False, order)),
+            Row(f"{claim}: largest roll error in deg", " > ".join(ORDER), top, is_ordered(runs, True, order)),
+            at_most(f"{claim}: range of the three pitch RMS, as a part of roll's", "pitch similar", similar, 0.1),
+            Row(f"{claim}: mean r1, r2", "r2 ≫ r1", f"{r[0]:.3f}, {r[1]:.3f}", bool(r[1] > 3.0 * r[0])),
             at_most(
-                f"{said}: mean r1 of its nominal value", "near 1; vibration raises it", float(r[0]) / R_NOMINAL, 2.0
+                f"{claim}: mean r1 of its nominal value", "near 1; vibration raises it", float(r[0]) / R_NOMINAL, 2.0
             ),
         ]
     return rows

@@ -66,13 +66,13 @@ class Recordings:
     def tick(self) -> LogLines:
         """Call several times per second; returns (level, text) of each new line for the log."""
         self._closing = [recorder for recorder in self._closing if not recorder.is_finished()]
-        news = [] if self._trouble_reported or not self._trouble else [("warning", self._trouble)]
+        messages = [] if self._trouble_reported or not self._trouble else [("warning", self._trouble)]
         self._trouble_reported = True
-        news += self.current.tick() if self.current else []
+        messages += self.current.tick() if self.current else []
         if self.current and self.current.has_lost_its_writer and not self._configured:
             self._trouble = self.current.state["trouble"]
             self._set_recording(False)  # the client may begin another one
-        return news
+        return messages
 
     def status(self) -> str:
         """The answer to ?RECORD."""

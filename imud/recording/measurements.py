@@ -22,18 +22,18 @@ def measurement_object(source: str, row: Records) -> dict[str, Any]:
     }
 
 
-def measurement_row(said: dict[str, Any], known: Iterable[AidingSource]) -> Records | None:
+def measurement_row(message: dict[str, Any], known: Iterable[AidingSource]) -> Records | None:
     """The same as an array of one MEASUREMENT; None: the estimator does not take that source. known: those it takes.
 
     Raises KeyError, TypeError, ValueError for what is no measurement.
     """
     kinds = {source.name: source.kind for source in known}
-    if said["source"] not in kinds:
+    if message["source"] not in kinds:
         return None
     row = np.zeros(1, MEASUREMENT)
-    row["t_ns"], row["arrival_ns"], row["kind"] = said["t_ns"], said["arrival_ns"], kinds[said["source"]]
+    row["t_ns"], row["arrival_ns"], row["kind"] = message["t_ns"], message["arrival_ns"], kinds[message["source"]]
     for name in ("value", "sigma"):
-        numbers = [math.nan if number is None else number for number in said[name]]
+        numbers = [math.nan if number is None else number for number in message[name]]
         row[name] = math.nan
         row[name][0, : len(numbers)] = numbers  # older recordings have three
     return row

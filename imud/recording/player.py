@@ -137,7 +137,7 @@ class Player:
             if (reads := entry.reads()) is not None:
                 self._read(reads)
             elif entry.topic == CONNECTIONS:
-                self._connection(entry.connection())
+                self._connect(entry.connection())
             elif entry.topic == AIDING:
                 self._aid(msgspec.json.decode(entry.data))
             elif entry.topic == SETTINGS:
@@ -188,36 +188,37 @@ class Player:
                     self._on_aid(row, filter_.aid(row))
         receiver.measured.clear()
 
-    def _aid(self, said: dict[str, Any]) -> None:
+    def _aid(self, message: dict[str, Any]) -> None:
         """A measurement of an aiding source; one that this estimator does not take is left out."""
         if (inertial := self._selection.inertial) is None:
             return
         filter_ = inertial.pipeline.filter
-        if (measurement := measurement_row(said, filter_.estimator.sources)) is not None:
+        if (measurement := measurement_row(message, filter_.estimator.sources)) is not None:
             self._on_aid(measurement, filter_.aid(measurement))
 
-    def _connection(self, said: Connection) -> None:
-        if said.repeated and said.port in self._ports and self._connections[said.port].t_ns == said.t_ns:
+    def _connect(self, connection: Connection) -> None:
+        port = connection.port
+        if connection.repeated and port in self._ports and self._connections[port].t_ns == connection.t_ns:
             return
-        self._ports.pop(said.port, None)
-        if not said.streaming:
-            if self._imu and self._imu.port == said.port:
+        self._ports.pop(port, None)
+        if not connection.streaming:
+            if self._imu and self._imu.port == port:
                 self._imu = None
             return
-        driver = by_name(said.driver)
-        self._connections[said.port] = said
+        driver = by_name(connection.driver)
+        self._connections[port] = connection
         if driver.kind == "imu":
-            stored_one = msgspec.convert(_known(said.calibration if self._calibrated else {}), Calibration)
+            stored_one = msgspec.convert(_known(connection.calibration if self._calibrated else {}), Calibration)
             known = self._calibration or stored_one
-            biases = msgspec.convert(said.biases, Biases) if said.biases else None
-            stored = Stored(biases, said.checkpoint)
-            self._ports[said.port] = self._selection.connect(
-                self._line, driver, said.imu(), known, self._settings, said.t_ns, said.port, stored
+            biases = msgspec.convert(connection.biases, Biases) if connection.biases else None
+            stored = Stored(biases, connection.checkpoint)
+            self._ports[port] = self._selection.connect(
+                self._line, driver, connection.imu(), known, self._settings, connection.t_ns, port, stored
             )
-            self._imu = said
+            self._imu = connection
         else:
-            gnss, aiding = self._settings.gnss, self._settings.aiding
-            self._ports[said.port] = Receiver(driver, gnss, said.t_ns, self._pulse, aiding, said.gnss().positions)
+            gnss, aiding, positions = self._settings.gnss, self._settings.aiding, connection.gnss().positions
+            self._ports[port] = Receiver(driver, gnss, connection.t_ns, self._pulse, aiding, positions)
 
     def _change(self, settings: Settings) -> None:
         """As the daemon does on SIGHUP."""

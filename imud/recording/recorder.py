@@ -201,25 +201,25 @@ class Recorder:
     def tick(self) -> list[tuple[str, str]]:
         """Call several times per second: sends queued packets without waiting; returns (level, text) for the log."""
         self._ship()
-        news = []
+        messages = []
         with contextlib.suppress(OSError):
             while packet := self._socket.recv(4096):
                 level, _, text = packet.decode().partition(":")
                 if level == STATE:
                     self.state = msgspec.json.decode(text)
                 else:
-                    news.append((level, text))
+                    messages.append((level, text))
         if self._dead and not self._end_reported:
             self._end_reported = True
             self.state = {"trouble": "the recording ended: its writer is gone"}
-            news.append(("error", f"{self.state['trouble']}; everything else goes on"))
+            messages.append(("error", f"{self.state['trouble']}; everything else goes on"))
         elif self._full and not (self._gap_reported or self._dead):
             self._gap_reported = True
-            news.append(("warning", "the recording has gaps from here: its disk is too slow"))
+            messages.append(("warning", "the recording has gaps from here: its disk is too slow"))
         elif self._full and not self._queue and not self._dead:
             self._full = self._gap_reported = False
-            news.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
-        return news
+            messages.append(("info", f"the recording is whole again; {self.dropped} packets are missing in it so far"))
+        return messages
 
     @property
     def has_lost_its_writer(self) -> bool:

@@ -64,7 +64,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     recording = Recording(job.paths)
     adapt = adapter(job.config, job.overrides, job.estimator)
     settings = recording.settings(adapt)
-    notes = recording.doubts()
+    notes = recording.version_notes()
     with ExitStack() as stack:
         tables = _Tables(job, stack)
         initial = config.parse_initial(job.initial)

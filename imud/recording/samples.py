@@ -19,7 +19,7 @@ from ..tables.inputs import is_recording, read_imu
 from .measurements import measurement_row
 from .messages import AIDING
 from .player import Player
-from .source import Recording, adapter, tell
+from .source import Recording, adapter, print_notes
 
 _BLOCK = 1 << 16
 
@@ -89,9 +89,9 @@ def fields_of(path: Path) -> tuple[Records, str]:
             except (msgspec.DecodeError, KeyError, TypeError, ValueError) as error:
                 raise BadDataError(f"{path}: a message on {AIDING} cannot be understood: {error}") from error
             rows += [row] if row is not None else []
-        elif (said := entry.connection()).kind == "imu":
-            names.add(name_of(said.imu().identity))
-    tell("", recording.notes)
+        elif (connection := entry.connection()).kind == "imu":
+            names.add(name_of(connection.imu().identity))
+    print_notes("", recording.notes)
     if len(names) > 1:
         raise BadDataError(f"{path}: several inertial sensors in it: {', '.join(sorted(names))}")
     return np.concatenate(rows), "".join(names)
@@ -105,11 +105,11 @@ def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[
     player = Player(settings, adapt, Initial(), gathered.add, warn=notes.append, calibrated=calibrated)
     for entry in recording.entries(Player.TOPICS):
         player.take(entry)
-        if entry.topic == CONNECTIONS and (said := entry.connection()).kind == "imu":
-            names.add(name_of(said.imu().identity))
+        if entry.topic == CONNECTIONS and (connection := entry.connection()).kind == "imu":
+            names.add(name_of(connection.imu().identity))
         progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
     progress.at(1000)
-    tell("", notes)
+    print_notes("", notes)
     if player.samples < 2:
         raise BadDataError("; ".join([f"{path}: {player.samples} inertial samples in it", *notes]))
     if len(names) > 1 and not calibrated:

@@ -92,7 +92,7 @@ class Recording:
         """So far."""
         return sum(capture.read_bytes for capture in self._captures)
 
-    def doubts(self) -> list[str]:
+    def version_notes(self) -> list[str]:
         """Reasons why estimates may differ from the recorded ones although no setting was changed."""
         version = __version__
         recorded = self.facts.get("version", version)
@@ -122,10 +122,10 @@ def group(paths: Sequence[Path]) -> tuple[list[Recording], list[str]]:
     return [Recording(files) for files in sessions.values()], failed
 
 
-def tell(command: str, notes: Sequence[str]) -> None:
+def print_notes(command: str, notes: Sequence[str]) -> None:
     """Print on stderr what is wrong with a recording."""
     for note in notes:
-        print(f"imud{command and ' '}{command}: {note}", file=sys.stderr)
+        print(f"{f'imud {command}'.strip()}: {note}", file=sys.stderr)
 
 
 def adapter(file: Path | None, overrides: Sequence[str], estimator: str | None) -> Callable[[Any], Settings]:

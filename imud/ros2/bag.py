@@ -132,12 +132,12 @@ class Bag:
         parts = []
         if self._filter is not None:
             parts.append(filter_diagnosis(self._filter.estimator.name, status_text(self._status)))
-        for said, sensor in sorted(self._player.sensors(), key=lambda pair: list(_NAMES).index(pair[0].kind)):
-            said_of = {"path": said.path, "driver": said.driver, **sensor.properties(now_ns)}
-            values = {name: value for name, value in said_of.items() if not isinstance(value, Mapping)}
-            identity = said.imu().identity if isinstance(sensor, Inertial) else said.gnss().identity
+        for connection, sensor in sorted(self._player.sensors(), key=lambda pair: list(_NAMES).index(pair[0].kind)):
+            properties = {"path": connection.path, "driver": connection.driver, **sensor.properties(now_ns)}
+            values = {name: value for name, value in properties.items() if not isinstance(value, Mapping)}
+            identity = connection.imu().identity if isinstance(sensor, Inertial) else connection.gnss().identity
             hardware = " ".join(filter(None, (identity.model or identity.driver, identity.serial)))
-            parts.append(Diagnosis(_NAMES[said.kind], sensor.faults(now_ns), hardware, values))
+            parts.append(Diagnosis(_NAMES[connection.kind], sensor.faults(now_ns), hardware, values))
             sensor.update(now_ns)
         messages = self._converter.of_diagnoses(parts, now_ns + self._offset_ns)
         self._waiting.diagnoses += map(block_of, messages)

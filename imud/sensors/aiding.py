@@ -106,7 +106,7 @@ class DatagramDecoder:
                 self.refuse(error.rule if isinstance(error, _RefusedError) else "value", f"{error}: {_shown(line)}")
 
     def refuse(self, rule: str, why: str) -> None:
-        """Count what cannot be used, and make news of the first of each kind."""
+        """Count what cannot be used, and log the first of each kind."""
         self._refused[rule] += 1
         if self._refused[rule] == 1:
             self.messages.append(f"refused: {why}; others like it are only counted")

@@ -99,10 +99,10 @@ class FixConsistency:
         return f"its velocity is {factor:.2f} times that of its positions{units} and is not used"
 
 
-def consistent(fixes: Records, tell: Callable[[str], object]) -> Records:
+def consistent(fixes: Records, warn: Callable[[str], object]) -> Records:
     """The fixes (array of FIX) of one receiver without those that cannot be right, and without wrong velocities.
 
-    tell: called if there are such.
+    warn: called if there are such.
     """
     consistency, kept, wrong, fault = FixConsistency(), [fixes[:0]], 0, ""
     for k in range(len(fixes)):
@@ -114,9 +114,9 @@ def consistent(fixes: Records, tell: Callable[[str], object]) -> Records:
         fault = consistency.fault or fault
         wrong += consistency.velocity_ratio is not None
     if len(kept) <= len(fixes):
-        tell(f"{len(fixes) - len(kept) + 1} of {len(fixes)} fixes are not used: {FROZEN}")
+        warn(f"{len(fixes) - len(kept) + 1} of {len(fixes)} fixes are not used: {FROZEN}")
     if wrong:
-        tell(f"{wrong} of {len(fixes)} fixes without their velocity: {fault}")
+        warn(f"{wrong} of {len(fixes)} fixes without their velocity: {fault}")
     return np.concatenate(kept)
 
 

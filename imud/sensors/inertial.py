@@ -37,6 +37,8 @@ _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive 
 class Inertial:
     """An inertial sensor that streams into a filter."""
 
+    configured: ImuConfigured  # of the connection
+
     def __init__(self, pipeline: InertialPipeline, before: Mapping[str, int] | None = None) -> None:
         """before: the totals of the sensor that was in use before."""
         self.pipeline = pipeline
@@ -59,7 +61,7 @@ class Inertial:
         if self._line is not None:
             self._before.update(self.counters())
         self.pipeline.restart(driver.new_state(configured), configured, first_flags)
-        self._line = line
+        self._line, self.configured = line, configured
         self.pipeline.record["last_data_ns"] = now_ns
         self._fault_texts, self._initial_status = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()

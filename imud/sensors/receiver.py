@@ -181,7 +181,7 @@ class Receiver:
         return self._row
 
     def _update_verdict(self, refused: Refusal | None) -> None:
-        """Make news of a changed verdict, once several fixes in sequence share it."""
+        """Leave a message about a changed verdict, once several fixes in sequence share it."""
         verdict = refused.rule if refused else None
         self._dissent_count = 0 if verdict == self._verdict else self._dissent_count + 1
         if self._dissent_count == STEADY:
@@ -190,7 +190,7 @@ class Receiver:
 
     def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
-        said, last = self.decoder.status, self.view(now_ns)
+        status, last = self.decoder.status, self.view(now_ns)
         return {
             "out_of_limits": ",".join(self.out_of_limits(now_ns)) or None,
             "used": self.used,
@@ -198,11 +198,11 @@ class Receiver:
             "sentences": dict(self.decoder.counters),
             "lat_deg": self._last.lat_deg if self._last else None,
             "lon_deg": self._last.lon_deg if self._last else None,
-            "quality": said.quality,
-            "satellites": said.satellites,
+            "quality": status.quality,
+            "satellites": status.satellites,
             "hdop": last.hdop if last else None,
-            "jamming": said.jamming,
-            "spoofing": said.spoofing,
+            "jamming": status.jamming,
+            "spoofing": status.spoofing,
             "fix_age_s": last.age_s if last else None,
         }
 
@@ -234,8 +234,8 @@ class Receiver:
             return "sensor: stale, nothing new comes" if now_ns - self.last_data_ns > STALE_FIX_NS else ""
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.last_data_ns <= STALE_FIX_NS
-            said = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
-            return f"receiver: {said}"
+            fault = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
+            return f"receiver: {fault}"
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:

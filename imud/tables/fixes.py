@@ -17,7 +17,7 @@ def fixes_of_file(
     origin: int,
     first_ns: int,
     settings: Gnss,
-    tell: Callable[[str], object],
+    warn: Callable[[str], object],
     left_out: SkippedRows | None = None,
 ) -> Records:
     """The fixes (array of FIX) that the settings allow, in order of arrival; first_ns: of the samples, after `origin`.
@@ -25,5 +25,5 @@ def fixes_of_file(
     Raises BadDataError if there is none, InputMissingError.
     """
     if is_nmea(path):
-        return consistent(fixes_of_log(path, origin, first_ns, settings, tell), tell)
-    return consistent(without_refused(path, read_fixes(path, origin, left_out), settings, tell), tell)
+        return consistent(fixes_of_log(path, origin, first_ns, settings, warn), warn)
+    return consistent(without_refused(path, read_fixes(path, origin, left_out), settings, warn), warn)

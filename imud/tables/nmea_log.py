@@ -18,7 +18,7 @@ from ..errors import BadDataError
 from ..math.arrays import Records
 from ..sensors.gnss import record, refusal
 from .lines import log_lines
-from .refused import say_refused
+from .refused import warn_of_refused
 
 DAY_S = 86_400.0
 
@@ -43,11 +43,11 @@ def read_log(path: Path, settings: Gnss) -> tuple[list[Fix], list[Reading], Mapp
 
 
 def fixes_of_log(
-    path: Path, origin: int, first_ns: int, settings: Gnss, tell: Callable[[str], object] = lambda _: None
+    path: Path, origin: int, first_ns: int, settings: Gnss, warn: Callable[[str], object] = lambda _: None
 ) -> Records:
     """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
 
-    A log holds no arrival times: each fix is known `latency_s` after its epoch. tell: called if the settings refuse
+    A log holds no arrival times: each fix is known `latency_s` after its epoch. warn: called if the settings refuse
     some. Raises BadDataError without any fix, or if the settings refuse all.
     """
     fixes, _, counters = read_log(path, settings)
@@ -65,5 +65,5 @@ def fixes_of_log(
         day = round((near - fix.utc_s) / DAY_S)
         t_ns = round((fix.utc_s + day * DAY_S - origin) * 1e9)
         rows.append(record(fix, t_ns, t_ns + round(settings.latency_s * 1e9)))
-    say_refused(path, refused, len(fixes), tell)
+    warn_of_refused(path, refused, len(fixes), warn)
     return np.concatenate(rows)

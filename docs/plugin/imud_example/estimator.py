@@ -6,7 +6,7 @@ import numpy as np
 
 from imud.drivers.jit import kernel
 from imud.estimators import Estimator
-from imud.estimators.papers.blank_solution import blank
+from imud.estimators.blank_solution import blank
 from imud.estimators.records import ATTITUDE_VALID
 from imud.math.rotation import quat_exp, quat_normalised, quat_product
 

@@ -74,8 +74,8 @@ def write_recording(path: Path, seconds: int) -> None:
     player = Player(settings, lambda recorded: settings, Initial(), on_step, on_update)
     for port, configured in _CONFIGURED.items():
         kind, driver = ("imu", "epson") if port == IMU else ("gnss", "nmea")
-        said = Connection(START_NS, port, settings.ports[port], True, kind, driver, to_builtins(configured))
-        data = msgspec.json.encode(said)
+        connection = Connection(START_NS, port, settings.ports[port], True, kind, driver, to_builtins(configured))
+        data = msgspec.json.encode(connection)
         player.take(Entry(CONNECTIONS, "", START_NS, data))
         writer.take(MessageKind.CONNECTION, port, START_NS, data)
     for reads in _reads(seconds):

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         )
     refuse_overwriting([args.ros2, *tracks.values()], args.recording)
     from ...recording.player import Player, ignore
-    from ...recording.source import Recording, adapter, tell
+    from ...recording.source import Recording, adapter, print_notes
     from ...tables.filter_states import FilterStates
 
     recording = Recording(args.recording)
@@ -123,5 +123,5 @@ def run(args: argparse.Namespace) -> int:
         if not any(target.fixes for target in targets):
             raise BadDataError("; ".join([problem, *recording.notes]))
         recording.notes.append(f"{problem}: there are fixes only")
-    tell("export", recording.notes)
+    print_notes("export", recording.notes)
     return 0

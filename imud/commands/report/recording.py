@@ -28,7 +28,7 @@ from imud.recording.messages import (
     Table,
 )
 from imud.recording.player import Player
-from imud.recording.source import Recording, adapter, tell
+from imud.recording.source import Recording, adapter, print_notes
 from imud.recording.state_messages import states_rows
 from imud.tables.estimates import estimate_cells
 
@@ -144,7 +144,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
         found.finish()
     except (ValueError, KeyError, TypeError) as error:
         raise BadDataError(f"{path}: a message cannot be decoded: {error}") from error
-    tell("report", recording.notes)
+    print_notes("report", recording.notes)
     sensor = found.sensor.close() or found.recorded_samples.close()
     if not found.estimates.rows or found.origin_ns is None:
         if player.inertial is None and sensor is None:

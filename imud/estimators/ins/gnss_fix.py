@@ -52,7 +52,7 @@ from .glr_tests.time_offset_step import (
 from .glr_tests.velocity_drift import detect_velocity_drift
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.heading_monitor import monitor_heading
-from .process_noise import doubt_earlier_estimates
+from .process_noise import inflate_earlier_estimates
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def fuse_and_align(
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
     rows = fuse_gnss_velocity(p, c, fix, innovations, rows)
     if c.alignment.mode == NAVIGATING:
-        doubt_earlier_estimates(p, c)
+        inflate_earlier_estimates(p, c)
     return rows
 
 

@@ -83,7 +83,7 @@ TUNABLES = (
         "max_first_noise_error",
         2.0,
         "",
-        "Logarithm of a known process noise over the first value, above which what was estimated before is doubted.",
+        "Logarithm of a known process noise over the first value, above which earlier estimates are opened again.",
         "A factor of 7.",
     ),
     Tunable(
@@ -265,7 +265,7 @@ def was_too_small(p: Parameters, c: Core, k: int) -> bool:
 
 
 @kernel
-def doubt_earlier_estimates(p: Parameters, c: Core) -> None:
+def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
     """After a fix: once a noise is known to be far larger than it was taken to be, open what was estimated meanwhile.
 
     With a noise that is too small innovations are taken for errors of the sensor and of the time offset, which are then

@@ -147,7 +147,7 @@ def extrapolate_gap(
 
 
 @kernel
-def doubt_heading(c: Core) -> None:
+def require_heading_confirmation(c: Core) -> None:
     """After a long gap under way motion has to confirm the heading; a land vehicle's is that of its next course."""
     wait_for_course(c)
     if c.alignment.mode == NAVIGATING and not c.stationarity.at_rest:
@@ -197,4 +197,4 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
             add_gap_variance(c, variances[0], variances[1], variances[2])
     store_last_sample(c, t_ns, w, f)
     if dt > p.tuning.max_gyro_outage_s:
-        doubt_heading(c)
+        require_heading_confirmation(c)

@@ -29,8 +29,8 @@ from ...math.arrays import Records
 from ...math.earth import MIN_COS, displaced, radii
 from ...math.kalman import measure, shear, update
 from .. import Estimator
+from ..blank_solution import blank
 from ..records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
-from .blank_solution import blank
 
 if TYPE_CHECKING:
     from ...math.arrays import Floats

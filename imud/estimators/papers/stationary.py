@@ -42,6 +42,7 @@ from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
 from .. import Estimator
+from ..blank_solution import blank
 from ..pending_innovations import move_innovations, store_innovation
 from ..records import (
     AT_REST,
@@ -54,7 +55,6 @@ from ..records import (
     REST_POSITION_Y,
     REST_POSITION_Z,
 )
-from .blank_solution import blank
 
 if TYPE_CHECKING:
     from ...math.arrays import Floats, Reals

@@ -47,8 +47,8 @@ from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import measure, scale, shear, update
 from ...math.rotation import Vector, quat_of_euler
 from .. import Estimator
+from ..blank_solution import blank
 from ..records import ATTITUDE_VALID
-from .blank_solution import blank
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, displaced
+from ...blank_solution import blank
 from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
-from ..blank_solution import blank
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from ..errors import UsageError
-from .arguments import above_zero, add_settings, at_least_one
-from .files import input_file, refuse_overwriting
+from ...errors import UsageError
+from ..arguments import above_zero, add_settings, at_least_one
+from ..files import input_file, refuse_overwriting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,13 +52,13 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError("replay: --imu, --gnss and --aiding are tables; name these or recordings, not both")
         if table := next((path for path in args.recordings if path.suffix.lower() == ".csv"), None):
             raise UsageError(f"replay: {table} is a table: --imu {table} if it has samples, --gnss if fixes")
-        from . import replay_recordings
+        from . import recordings
 
-        return replay_recordings.run(args)
+        return recordings.run(args)
     if args.imu is None:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
     if args.cluster or args.jobs > 1:
         raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
-    from . import replay_tables
+    from . import tables
 
-    return replay_tables.run(args)
+    return tables.run(args)

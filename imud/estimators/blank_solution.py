@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
-from ...compile.jit import kernel
-from ..records import SATURATED
+from ..compile.jit import kernel
+from .records import SATURATED
 
 if TYPE_CHECKING:
-    from ..types import Sample, Solution
+    from .types import Sample, Solution
 
 
 @kernel

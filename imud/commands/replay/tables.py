@@ -10,25 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from ..batch import in_order_of_arrival, play
-from ..configuration.settings import Settings
-from ..errors import BadDataError, CannotCreateError, UsageError
-from ..estimators import Estimator, registry
-from ..estimators.aiding_source import AidingSource
-from ..estimators.records import FIX, INNOVATION
-from ..math.arrays import Records
-from ..pipeline import Filter
-from ..progress import Progress
-from ..sensor_errors import calibration
-from ..sensor_monitor.findings import counted
-from ..setup import config
-from ..tables.estimates import EstimateWriter, write_innovations
-from ..tables.filter_states import FilterStates, write_states
-from ..tables.fixes import fixes_of_file
-from ..tables.inputs import SkippedRows, read_aiding, read_imu
-from ..tables.lines import is_nmea
-from ..tables.output import open_output
-from .files import input_file
+from ...batch import in_order_of_arrival, play
+from ...configuration.settings import Settings
+from ...errors import BadDataError, CannotCreateError, UsageError
+from ...estimators import Estimator, registry
+from ...estimators.aiding_source import AidingSource
+from ...estimators.records import FIX, INNOVATION
+from ...math.arrays import Records
+from ...pipeline import Filter
+from ...progress import Progress
+from ...sensor_errors import calibration
+from ...sensor_monitor.findings import counted
+from ...setup import config
+from ...tables.estimates import EstimateWriter, write_innovations
+from ...tables.filter_states import FilterStates, write_states
+from ...tables.fixes import fixes_of_file
+from ...tables.inputs import SkippedRows, read_aiding, read_imu
+from ...tables.lines import is_nmea
+from ...tables.output import open_output
+from ..files import input_file
 
 _PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
 _CHECKED_SAMPLES = 10_000  # of the specific force
@@ -66,7 +66,7 @@ def _replay(
     """Write the files that are asked for; returns how many fixes the filter was given."""
     player = play
     if args.smooth:
-        from ..smoothing import play_smoothed as player
+        from ...smoothing import play_smoothed as player
     innovations: list[Records] = []
     states = FilterStates()
     with open_output(args.output) as file:
@@ -135,7 +135,7 @@ def _readings(
 ) -> Iterator[Records]:
     """Measurements in a receiver's log, if that is one of NMEA sentences."""
     if path is not None and estimator.sources and is_nmea(path):
-        from ..tables.nmea_readings import readings_of_log
+        from ...tables.nmea_readings import readings_of_log
 
         yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
 

@@ -7,12 +7,12 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from ..compile import library
-from ..configuration.settings import Settings
-from ..errors import BadDataError, CannotCreateError, ImudError, UsageError
-from ..progress import Progress
-from ..recording.replaying import Job, Outcome, play
-from ..recording.source import Recording, adapter, group, tell
+from ...compile import library
+from ...configuration.settings import Settings
+from ...errors import BadDataError, CannotCreateError, ImudError, UsageError
+from ...progress import Progress
+from ...recording.replaying import Job, Outcome, play
+from ...recording.source import Recording, adapter, group, print_notes
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _many(jobs: list[Job], failed: list[str], args: argparse.Namespace) -> int:
     """Returns the exit code. Raises BadDataError if any could not be replayed, after the others have been."""
-    from ..recording import many
+    from ...recording import many
 
     if not args.cluster:
         _compile(jobs)
@@ -54,9 +54,9 @@ def _compile(jobs: list[Job]) -> None:
     """Compile what the jobs need, if installation did not: once, instead of in all their processes at the same time."""
     if library.library() is not None:
         return
-    from .. import compilation
-    from ..estimators import registry
-    from ..setup import choices
+    from ... import compilation
+    from ...estimators import registry
+    from ...setup import choices
 
     needed: set[str] = set()
     for job in jobs:
@@ -115,4 +115,4 @@ def _report(outcome: Outcome) -> None:
     """Print the outcome on a terminal, and warnings always."""
     if sys.stderr.isatty():
         print(f"imud replay: {outcome}", file=sys.stderr)
-    tell("replay", outcome.notes)
+    print_notes("replay", outcome.notes)

@@ -16,10 +16,13 @@ SETTINGS = Settings(imu=Imu(profile="crossbow-dmu"))
 RATE_HZ = 100.0
 
 
-def drive(seed, scenario="car", seconds=300.0, outage=None, settings=SETTINGS, vibration=0.0, begin=0.0, late=0.0):
+def drive(
+    seed, scenario="car", seconds=300.0, outage=None, settings=SETTINGS, vibration=0.0, begin=0.0, late=0.0, old=0.0
+):
     """(motion, solutions, fixes, innovations) of one specimen; outage: from when to when no fix comes.
 
     begin: when imud is started, s; the solutions before it are empty. late: by how much more than usual a fix is, s.
+    old: by how much it is older than its epoch says, s.
     """
     rng = np.random.default_rng(seed)
     m = motion(scenario, seconds, RATE_HZ)
@@ -28,6 +31,7 @@ def drive(seed, scenario="car", seconds=300.0, outage=None, settings=SETTINGS, v
     samples["f"] += vibration * rng.standard_normal(samples["f"].shape)
     fixes = received(m, rng)
     fixes["arrival_ns"] += round(late * 1e9)
+    fixes["t_ns"] += round(old * 1e9)
     if outage:
         t = fixes["t_ns"] * 1e-9 - 1.0
         fixes = fixes[(t < outage[0]) | (t > outage[1])]

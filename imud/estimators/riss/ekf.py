@@ -28,6 +28,7 @@ from .state import (
     SPEED,
     SQUAT,
     STATES,
+    TIME_OFFSET,
     UNKNOWN_ANGLE,
     UNKNOWN_SPEED,
     YAW,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 FAULT_RATE = 0.3  # rad/s, error of the rate while the gyro fails
 MIN_COS_PITCH = 0.1
+AROUND_NS = 100_000_000  # two steps
 
 
 @kernel
@@ -132,6 +134,15 @@ def travelled_since(s: RissState, t_ns: int, i: int) -> float:
 
 
 @kernel
+def rate_around(s: RissState, t_ns: int, i: int) -> float:
+    """Rate of the integral travel[i] around t_ns: its mean over 2 AROUND_NS, or what there is of them."""
+    begin_ns, end_ns = t_ns - AROUND_NS, min(t_ns + AROUND_NS, s.step_ns)
+    if end_ns - begin_ns < AROUND_NS:
+        begin_ns = end_ns - AROUND_NS
+    return (travelled_since(s, begin_ns, i) - travelled_since(s, end_ns, i)) / (1e-9 * (end_ns - begin_ns))
+
+
+@kernel
 def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: float) -> None:
     """Propagate state and P over T s with the measured mean yaw rate; outage_s: time without a rate so far."""
     x, P, tuning = s.x, s.P, p.tuning
@@ -176,6 +187,7 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     add_variance(s, ACCEL_BIAS_X, p.accel_bias_psd * T)
     add_variance(s, ACCEL_BIAS_Y, p.accel_bias_psd * T)
     add_variance(s, GYRO_BIAS, p.gyro_bias_psd * T)
+    add_variance(s, TIME_OFFSET, tuning.time_offset_walk**2 * T)
     lateral_var = tuning.lateral_sigma**2 * T
     if s.aligned == 1:
         add_variance(s, NORTH, lateral_var * (T + sy * sy))

@@ -8,7 +8,7 @@ from ...filter_state_names import PLACES
 from ...math.arrays import Records
 from ..filter_states import FILTER_STATES, in_triangle
 from ..records import ODOMETER_SOURCE
-from .state import FIX_NORTH, GYRO_SCALE, NORTH, STATES, WHEEL_SCALE
+from .state import FIX_NORTH, GYRO_SCALE, NORTH, STATES, TIME_OFFSET, WHEEL_SCALE
 
 _IN_P = in_triangle(STATES)
 _DIAGONAL = np.diag(_IN_P)
@@ -34,6 +34,7 @@ def filter_states(state: Records) -> Records:
         for name, i, known in (
             ("gyro_scale_zz", GYRO_SCALE, s["aligned"]),
             ("odometer_scale", WHEEL_SCALE, s["wheel_ns"]),
+            ("time_offset", TIME_OFFSET, s["fix_count"]),
         ):
             if known:
                 row["value"][PLACES[name]], row["sigma"][PLACES[name]] = s["x"][i], math.sqrt(s["P"][_DIAGONAL[i]])

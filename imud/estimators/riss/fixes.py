@@ -16,6 +16,7 @@ from .ekf import (
     fuse,
     inject_error,
     innovation_variance,
+    rate_around,
     set_jacobian,
     travelled_since,
     variance,
@@ -29,6 +30,7 @@ from .state import (
     SINK,
     SPEED,
     STATES,
+    TIME_OFFSET,
     UNKNOWN_SPEED,
     YAW,
 )
@@ -48,6 +50,12 @@ def velocity_of(fix: Fix) -> tuple[float, float]:
         return fix.v[0], fix.v[1]
     course = fix.course if math.isfinite(fix.course) or fix.speed > 0.0 else 0.0
     return fix.speed * elementary.cos(course), fix.speed * elementary.sin(course)
+
+
+@kernel
+def epoch_of(s: RissState, fix: Fix) -> int:
+    """The instant of which the fix tells, ns: its epoch less the estimated time offset."""
+    return fix.t_ns - int(1e9 * s.x[TIME_OFFSET])
 
 
 @kernel
@@ -74,17 +82,21 @@ def set_axis(s: RissState, i: int) -> None:
 @kernel
 def set_position(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
     """Set the position to that of the fix plus the distance since, by the fix's velocity if it has one."""
-    north, east = travelled_since(s, fix.t_ns, 0), travelled_since(s, fix.t_ns, 1)
-    late_s, unknown2 = 1e-9 * (s.step_ns - fix.t_ns), 0.0
+    t_ns = epoch_of(s, fix)
+    north, east = travelled_since(s, t_ns, 0), travelled_since(s, t_ns, 1)
+    rate_n, rate_e = rate_around(s, t_ns, 0), rate_around(s, t_ns, 1)
+    late_s, unknown2 = 1e-9 * (s.step_ns - t_ns), 0.0
     if math.isfinite(vn + ve):
         north, east = vn * late_s, ve * late_s
+        rate_n, rate_e = vn, ve
         unknown2 = (0.5 * p.tuning.accel_sigma * late_s * late_s) ** 2
     s.lat, s.lon = displaced(fix.lat, fix.lon, s.height, north, east)
     for i in range(2):
         set_axis(s, i)
         add_variance(s, NORTH + i, unknown2)
+        shear(s.P, STATES, NORTH + i, TIME_OFFSET, rate_n if i == 0 else rate_e)
     if s.has_height == 0 and math.isfinite(fix.height):
-        s.height, s.has_height = fix.height - travelled_since(s, fix.t_ns, 2), 1
+        s.height, s.has_height = fix.height - travelled_since(s, t_ns, 2), 1
         set_axis(s, 2)
         s.gravity = gravity(fix.lat, fix.height)
 
@@ -98,16 +110,19 @@ def set_heading(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float)
         return
     yaw = s.initial_yaw if given else elementary.atan2(ve, vn)
     sigma2 = INITIAL_YAW_SIGMA**2 if given else (s.white_var[1] + p.tuning.lateral_sigma**2) / speed**2
-    s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, fix.t_ns, 4)))
+    t_ns = epoch_of(s, fix)
+    s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, t_ns, 4)))
     reset(s.P, STATES, YAW, sigma2)
+    shear(s.P, STATES, YAW, TIME_OFFSET, 0.0 if given else rate_around(s, t_ns, 4))
     s.initial_yaw = math.nan
     s.aligned = 1
     set_position(p, s, fix, vn, ve)
     if given:
         speed = vn * elementary.cos(yaw) + ve * elementary.sin(yaw)
     if math.isfinite(speed):
-        s.x[SPEED] = speed + travelled_since(s, fix.t_ns, 3)
+        s.x[SPEED] = speed + travelled_since(s, t_ns, 3)
         reset(s.P, STATES, SPEED, s.white_var[1] + (0.5 * p.tuning.accel_sigma) ** 2)
+        shear(s.P, STATES, SPEED, TIME_OFFSET, rate_around(s, t_ns, 3))
 
 
 @kernel
@@ -127,26 +142,33 @@ def learn_white_noise(p: RissParameters, s: RissState, i: int, z: float, total: 
 
 
 @kernel
+def position_jacobian(s: RissState, i: int, rate: float) -> int:
+    """Set the Jacobian of a fix along axis i (0: north, 1: east), where the vehicle moves at `rate` m/s."""
+    n = set_jacobian(s, set_jacobian(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
+    return set_jacobian(s, n, TIME_OFFSET, -rate)
+
+
+@kernel
 def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innovation]) -> int:
     """Gate and fuse the horizontal position, both axes together; returns the rows of innovations."""
     meridian, prime_vertical = radii(s.lat)
     cy, sy = elementary.cos(s.x[YAW]), elementary.sin(s.x[YAW])
-    arm = p.gnss_lever_arm
+    arm, t_ns = p.gnss_lever_arm, epoch_of(s, fix)
     lever_n, lever_e = arm[0] * cy - arm[1] * sy, arm[0] * sy + arm[1] * cy
-    z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, fix.t_ns, 0) - lever_n - s.x[FIX_NORTH]
+    z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, t_ns, 0) - lever_n - s.x[FIX_NORTH]
     radius = (prime_vertical + s.height) * max(elementary.cos(s.lat), MIN_COS)
-    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, fix.t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
+    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
     nis = 0.0
     for i in range(2):
         z = z_n if i == 0 else z_e
-        n = set_jacobian(s, set_jacobian(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
+        n = position_jacobian(s, i, rate_around(s, t_ns, i))
         nis += z * z / innovation_variance(s, n, s.white_var[0])
     used = nis < p.tuning.gate
     s.reject_count = 0 if used else s.reject_count + 1
     for i in range(2):
         z = z_n if i == 0 else z_e
-        n = set_jacobian(s, set_jacobian(s, 0, NORTH + i, 1.0), FIX_NORTH + i, 1.0)
-        left = z - s.dx[NORTH + i] - s.dx[FIX_NORTH + i]
+        n = position_jacobian(s, i, rate_around(s, t_ns, i))
+        left = z - s.dx[NORTH + i] - s.dx[FIX_NORTH + i] + s.dx[TIME_OFFSET] * rate_around(s, t_ns, i)
         total = fuse(s, n, z, s.white_var[0]) if used else innovation_variance(s, n, s.white_var[0])
         write_innovation(innovations[i], fix, POSITION_N if i == 0 else POSITION_E, left, total, used)
         if used:
@@ -157,7 +179,7 @@ def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[I
 @kernel
 def fuse_height(p: RissParameters, s: RissState, fix: Fix, row: Innovation) -> None:
     """Gate and fuse the height; writes its innovation to `row`."""
-    z = s.height - fix.height + travelled_since(s, fix.t_ns, 2) - p.gnss_lever_arm[2] - s.x[FIX_DOWN]
+    z = s.height - fix.height + travelled_since(s, epoch_of(s, fix), 2) - p.gnss_lever_arm[2] - s.x[FIX_DOWN]
     n = set_jacobian(s, set_jacobian(s, 0, DOWN, 1.0), FIX_DOWN, 1.0)
     total = innovation_variance(s, n, s.white_var[2])
     used = z * z < 0.5 * p.tuning.gate * total
@@ -178,15 +200,16 @@ def fuse_velocity(
 
     The longitudinal innovation is written as VELOCITY_N, the lateral one as VELOCITY_E.
     """
-    yaw = s.x[YAW] - travelled_since(s, fix.t_ns, 4)
-    u = s.x[SPEED] - travelled_since(s, fix.t_ns, 3)
+    t_ns = epoch_of(s, fix)
+    yaw, u = s.x[YAW] - travelled_since(s, t_ns, 4), s.x[SPEED] - travelled_since(s, t_ns, 3)
+    yaw_rate, accel = rate_around(s, t_ns, 4), rate_around(s, t_ns, 3)
     cy, sy = elementary.cos(yaw), elementary.sin(yaw)
     along, across = vn * cy + ve * sy, ve * cy - vn * sy
     if s.aligned == 0:
         along = math.sqrt(vn * vn + ve * ve)
-    z = along - u + p.gnss_lever_arm[1] * s.yaw_rate
-    n = set_jacobian(s, 0, SPEED, 1.0)
-    noise = s.white_var[1] + (0.5 * p.tuning.lateral_sigma) ** 2
+    z = along - u + p.gnss_lever_arm[1] * yaw_rate
+    n = set_jacobian(s, set_jacobian(s, 0, SPEED, 1.0), TIME_OFFSET, -accel)
+    noise = s.white_var[1] + (0.5 * p.tuning.lateral_sigma) ** 2 + (accel * p.tuning.velocity_time_sigma) ** 2
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total
     write_innovation(innovations[at], fix, VELOCITY_N, z, total, used)
@@ -197,9 +220,10 @@ def fuse_velocity(
         add_variance(s, SPEED, total)
     if s.aligned == 0 or abs(u) < p.tuning.course_speed:
         return 1
-    z = across - p.gnss_lever_arm[0] * s.yaw_rate
-    n = set_jacobian(s, 0, YAW, u)
+    z = across - p.gnss_lever_arm[0] * yaw_rate
+    n = set_jacobian(s, set_jacobian(s, 0, YAW, u), TIME_OFFSET, -u * yaw_rate)
     noise = s.white_var[1] + p.tuning.lateral_sigma**2 + variance(s, SPEED) * variance(s, YAW)
+    noise += (u * yaw_rate * p.tuning.velocity_time_sigma) ** 2
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total
     write_innovation(innovations[at + 1], fix, VELOCITY_E, z, total, used)
@@ -227,6 +251,8 @@ def fuse_fix(p: RissParameters, s: RissState, fix: Fix, innovations: list[Innova
     if s.aligned == 1 and s.reject_count >= p.tuning.rejected_limit:
         s.aligned = s.reject_count = 0
         reset(s.P, STATES, SPEED, UNKNOWN_SPEED**2)
+        s.x[TIME_OFFSET] = 0.0
+        reset(s.P, STATES, TIME_OFFSET, p.tuning.time_offset_sigma**2)
         s.has_height = 0
     if s.aligned == 1 and variance(s, YAW) > p.tuning.max_heading_sigma**2:
         s.aligned = 0  # too uncertain for first-order updates: the course initializes the heading again

@@ -1,4 +1,4 @@
-"""A row of SOLUTION from the state; between two steps the position is extrapolated with the velocity."""
+"""A row of SOLUTION from the state; between two steps position, speed and yaw are extrapolated with their rates."""
 
 from __future__ import annotations
 
@@ -81,7 +81,9 @@ def write_solution(p: RissParameters, s: RissState, sample: Sample, out: Solutio
     """Write a row of SOLUTION; what is not known is NaN."""
     x, bits = s.x, status(p, s, sample)
     out.t_ns, out.status = s.t_ns, bits
-    q = quat_of_euler(roll_of(s), pitch_of(s), x[YAW])
+    T = (s.t_ns - s.step_ns) * 1e-9
+    yaw, speed = x[YAW] + T * s.yaw_rate, x[SPEED] + T * x[ACCEL]
+    q = quat_of_euler(roll_of(s), pitch_of(s), yaw)
     for i in range(4):
         out.q_nb[i] = q[i]
     out.w[0] = out.w[1] = math.nan
@@ -101,9 +103,8 @@ def write_solution(p: RissParameters, s: RissState, sample: Sample, out: Solutio
     out.lat = out.lon = out.height = math.nan
     if bits & POSITION_VALID == 0:
         return
-    cy, sy = elementary.cos(x[YAW]), elementary.sin(x[YAW])
-    vn, ve = (x[SPEED] * cy, x[SPEED] * sy) if s.aligned == 1 else (s.v[0], s.v[1])
-    T = (s.t_ns - s.step_ns) * 1e-9
+    cy, sy = elementary.cos(yaw), elementary.sin(yaw)
+    vn, ve = (speed * cy, speed * sy) if s.aligned == 1 else (s.v[0], s.v[1])
     out.lat, out.lon = displaced(s.lat, s.lon, s.height, T * vn, T * ve)
     out.height = s.height - T * x[SINK]
     out.v[0], out.v[1], out.v[2] = vn, ve, x[SINK]

@@ -32,8 +32,9 @@ from ..tuning import Tunable, dtype_of, values_of
     LEAN,  # rad/(m/s^2), roll per lateral acceleration
     SQUAT,  # rad/(m/s^2), pitch per longitudinal acceleration
     WHEEL_SCALE,
+    TIME_OFFSET,  # s, by which a fix is older than its epoch says
     STATES,
-) = range(20)
+) = range(21)
 PACKED = STATES * (STATES + 1) // 2
 RING = 64  # number of past steps that are stored
 JACOBIAN_LENGTH = 7  # elements of a Jacobian
@@ -63,6 +64,15 @@ TUNABLES = (
     Tunable("fix_white_sigma", 0.5, "m", "First sigma of the white error of a fix.", "Is learned."),
     Tunable(
         "velocity_sigma", 0.1, "m/s", "First sigma of the white error of a fix's velocity.", "Doppler; is learned."
+    ),
+    Tunable("time_offset_sigma", 0.2, "s", "Sigma of the age of a fix beyond its epoch.", "As navigation."),
+    Tunable("time_offset_walk", 0.003, "s/sqrt(s)", "Random walk of that age.", "Sentences that wait in a slow line."),
+    Tunable(
+        "velocity_time_sigma",
+        0.03,
+        "s",
+        "Sigma of the age of a receiver's velocity beyond that of its position.",
+        "Receivers filter their velocity: 0.02 to 0.05.",
     ),
     Tunable("learning_fixes", 50.0, "", "Fixes over which white errors are learned.", "A minute at 1 Hz."),
     Tunable(
@@ -225,6 +235,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     diagonal[[GYRO_BIAS, GYRO_SCALE]] = parameters["gyro_bias_var"][0], parameters["gyro_scale_var"][0]
     diagonal[[LEAN, SQUAT]] = tuning["lean_sigma"] ** 2, tuning["squat_sigma"] ** 2
     diagonal[WHEEL_SCALE] = tuning["wheel_scale_sigma"] ** 2
+    diagonal[TIME_OFFSET] = tuning["time_offset_sigma"] ** 2
     s["x"][0, LEAN], s["x"][0, SQUAT] = tuning["lean"], tuning["squat"]
     s["P"][0] = np.diag(diagonal)[np.triu_indices(STATES)]
     return s

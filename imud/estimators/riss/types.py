@@ -19,6 +19,9 @@ class Tuning:
     fix_time_s: float
     fix_white_sigma: float
     velocity_sigma: float
+    time_offset_sigma: float
+    time_offset_walk: float
+    velocity_time_sigma: float
     learning_fixes: float
     align_speed: float
     course_speed: float

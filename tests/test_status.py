@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from processes import TIMEOUT_S, daemon, emulator
 
 from imud.commands import status
-from imud.commands.metrics import METRICS, prometheus
-from imud.commands.status import innovations
+from imud.commands.status.metrics import METRICS, prometheus
+from imud.commands.status.screen import innovations
 from imud.daemon.sigma_shares import SigmaShares
 from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError

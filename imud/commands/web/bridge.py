@@ -7,7 +7,7 @@ import asyncio
 import json
 from typing import Any, NamedTuple
 
-from imud.commands.notable_states import notable_states
+from imud.commands.status.notable_states import notable_states
 from imud.outputs.addresses import Address
 
 RATE_HZ = 20

@@ -23,8 +23,8 @@ from imud import figures
 from imud.errors import ImudError
 from imud.outputs.addresses import Address, address_text, is_local, listen
 
-from ..metrics import CONTENT_TYPE, prometheus
 from ..status import ask
+from ..status.metrics import CONTENT_TYPE, prometheus
 from .bridge import Bridge
 from .limits import KEEP_ALIVE_S, Connections, ErrorLog
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..filter_state_names import STATES
+from ...filter_state_names import STATES
 
 _LATE = "time_offset_s"
 _LABELS = {  # by kind

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from ..filter_state_names import STATES
+from ...filter_state_names import STATES
 
 
 class Metric(NamedTuple):

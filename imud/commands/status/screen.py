@@ -1,27 +1,15 @@
-"""`imud status`: the state of a running daemon on one screen, as JSON, or for Prometheus, read from its gpsd socket."""
+"""The status of a daemon on one screen: which number stands where, and what is marked as beyond its limit."""
 
-import argparse
 import contextlib
-import json
 import math
-import socket
-import sys
 import textwrap
 from collections.abc import Collection, Iterator, Mapping
 from itertools import zip_longest
 from typing import Any
 
-from .. import __version__
-from ..client import GPSD_ADDRESS
-from ..errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
-from ..outputs.addresses import PORT, Address, parse_address
-from ..outputs.listeners import NO_DESCRIPTORS, TOO_MANY
-from ..sensors.limits import is_beyond
-from . import metrics
+from ...sensors.limits import is_beyond
 from .notable_states import notable_states
 
-TIMEOUT_S = 5.0
-ANSWER_MAX = 1 << 20  # bytes
 _WIDTH = 100  # of the text to the right of the names
 _SILENT_S = 2.0  # without a sample, from which on the estimate is called old
 _UNKNOWN_YAW_DEG = 103.9  # sigma of an angle of which nothing is known: 180 / √3
@@ -29,102 +17,7 @@ _LEAST = 0.01  # share of a sigma's reduction that is shown
 Table = Mapping[str, Any]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "address",
-        nargs="?",
-        default=GPSD_ADDRESS,
-        metavar="ADDRESS",
-        help="where it listens: HOST[:PORT], or /path of a Unix socket (default %(default)s)",
-    )
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="everything, as one JSON object")
-    form.add_argument("--prometheus", action="store_true", help="as metrics, for example for a textfile collector")
-
-
-def run(args: argparse.Namespace) -> int:
-    try:
-        address = parse_address(args.address, PORT)
-    except ConfigError as error:
-        raise UsageError(str(error)) from error
-    form = "prometheus" if args.prometheus else "json" if args.json else "screen"
-    sys.stdout.write(text_of(ask(address), form))
-    return 0
-
-
-def text_of(status: Table, form: str) -> str:
-    """The flat status as "prometheus", "json" or "screen". Raises ImudError for one of another version of imud."""
-    try:
-        if form == "prometheus":
-            return metrics.prometheus(status)
-        if form == "json":
-            return json.dumps(nested(status)) + "\n"
-        return "".join(f"{name:<12}{text}\n" for name, text in screen(nested(status)))
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        version = status.get("version", "unknown")
-        raise ImudError(
-            f"this status cannot be shown ({error!r}): the daemon's version is {version}, this one's {__version__}; "
-            "use the same version for both"
-        ) from error
-
-
-def ask(address: Address) -> dict[str, Any]:
-    """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77), ImudError."""
-    with socket.socket(address.family, socket.SOCK_STREAM) as sock:
-        sock.settimeout(TIMEOUT_S)
-        try:
-            sock.connect(address.where)
-            sock.sendall(b"?STATUS;\n")
-            return _answer(sock, address)
-        except TimeoutError:
-            raise DeviceAbsentError(
-                f"{address.text} is open, but does not answer: see the log of the program that listens there"
-            ) from None
-        except PermissionError as error:
-            raise PermissionDeniedError(f"cannot connect to {address.text}: permission denied") from error
-        except OSError as error:
-            raise DeviceAbsentError(
-                f"no daemon answers at {address.text} ({error.strerror}): start one (`imud --port DEV`), or name the "
-                "address that it listens on (`imud status HOST:PORT` or `imud status /path`)"
-            ) from None
-
-
-def _answer(sock: socket.socket, address: Address) -> dict[str, Any]:
-    not_imud = DeviceAbsentError(f"the program at {address.text} is not imud, or is an imud without ?STATUS")
-    received = b""
-    while len(received) < ANSWER_MAX and (data := sock.recv(65536)):
-        *lines, received = (received + data).split(b"\n")
-        for text in lines:
-            try:
-                message = json.loads(text)
-                kind = message.pop("class")
-            except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
-                raise not_imud from None
-            if kind == "STATUS":
-                return dict(message)
-            if kind == "ERROR" and message.get("message") == TOO_MANY:
-                raise ImudError(f"{address.text} answers {TOO_MANY}: close some clients, or raise gpsd.max_clients")
-            if kind == "ERROR" and message.get("message") == NO_DESCRIPTORS:
-                raise ImudError(f"{address.text} answers {NO_DESCRIPTORS}: close some, or raise its limit (ulimit -n)")
-            if kind == "ERROR":
-                raise DeviceAbsentError(f"{not_imud}: it answers {message.get('message')!r}")
-    raise not_imud
-
-
-def nested(status: Table) -> dict[str, Any]:
-    """`{"a.b": 1}` as `{"a": {"b": 1}}`; the ports become a list."""
-    tree: dict[str, Any] = {}
-    for key, value in status.items():
-        *path, name = key.split(".")
-        branch = tree
-        for step in path:
-            branch = branch.setdefault(step, {})
-        branch[name] = value
-    tree["ports"] = list(tree.get("ports", {}).values())
-    return tree
-
-
-def screen(status: Table) -> Iterator[tuple[str, str]]:
+def lines(status: Table) -> Iterator[tuple[str, str]]:
     """Lines for people, each with its name."""
     load = "OVERLOADED" if status["load"]["overloaded"] else "keeps up"
     yield "imud", f"{status['version']}, pid {status['pid']}, up {_duration(status['uptime_s'])}, {load}"
@@ -135,7 +28,7 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     for port in status["ports"]:
         yield from _port(port)
     if aiding := status.get("aiding"):
-        yield from zip_longest(["aiding"], _aiding(aiding), fillvalue="")
+        yield from zip_longest(["aiding"], measurements(aiding), fillvalue="")
     if corrections := status.get("corrections"):
         names = ("frames", "forwarded", "noise bytes")
         counts = ", ".join(f"{corrections[name]} {name}" for name in names if name in corrections)
@@ -151,11 +44,6 @@ def screen(status: Table) -> Iterator[tuple[str, str]]:
     yield "kernels", status["kernels"]
 
 
-def aiding_lines(status: Table) -> list[str]:
-    """What came of the sources of measurements, by the flat status; none if there are none."""
-    return list(_aiding(nested(status).get("aiding", {})))
-
-
 def innovations(by_kind: Table) -> list[str]:
     """The mean normalised square of each kind, and the counts of all."""
     ratios = ", ".join(
@@ -168,7 +56,7 @@ def innovations(by_kind: Table) -> list[str]:
     return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
 
 
-def _aiding(aiding: Table) -> Iterator[str]:
+def measurements(aiding: Table) -> Iterator[str]:
     """What came of each source of measurements, and what could not be used."""
     if "address" in aiding:
         yield aiding["address"]

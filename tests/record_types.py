@@ -52,6 +52,7 @@ INS = {
     "VelocityDiscrepancy": integrity.VELOCITY_DISCREPANCY,
     "TimeOffsetStep": glr_tests.TIME_OFFSET_STEP,
     "CompassOffset": glr_tests.COMPASS_OFFSET,
+    "Current": glr_tests.CURRENT,
     "GyroBiasStep": glr_tests.GYRO_BIAS_STEP,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,

@@ -85,7 +85,7 @@ class Recorder:
     def fix_update(self, p, c, m, z, r, gate, axis):
         return self.gated_update(c, m, z, r, gate)
 
-    def pseudo_measurement(self, c, kind, m, z, r, gate):
+    def pseudo_measurement(self, c, kind, m, z, r, gate, axis):
         return self.gated_update(c, m, z, r, gate)
 
     def _keep(self, c, m, z):

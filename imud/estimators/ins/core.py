@@ -21,6 +21,7 @@ from .aiding.records import (
 from .alignment.records import ALIGNMENT, FIX_AGE, HYPOTHESIS_BANK
 from .glr_tests.records import (
     COMPASS_OFFSET,
+    CURRENT,
     DRIFT,
     FAULT_SENSITIVITIES,
     GYRO_BIAS_STEP,
@@ -221,6 +222,7 @@ REWOUND = [  # what a rewind restores
     ("gyro_bias_step", GYRO_BIAS_STEP),
     ("velocity_drift", VELOCITY_DRIFT),
     ("compass_offset", COMPASS_OFFSET),
+    ("current", CURRENT),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

@@ -54,7 +54,12 @@ _ROWS, _COLUMNS = np.triu_indices(LEARNING_STATES)  # of the packed block of pos
 _PACKED_MOTION = _IN_P[_ROWS, _COLUMNS]
 _STATED = np.flatnonzero((_ROWS == _COLUMNS) & (_ROWS < ATTITUDE))  # variances of position and velocity
 _HEADING = len(_ROWS) - 1
-_HEADING_FAULTS = ("gyro_bias_step", "velocity_drift", "compass_offset")  # as `solution.write_solution` has them
+_HEADING_FAULTS = (
+    "gyro_bias_step",
+    "velocity_drift",
+    "compass_offset",
+    "current",
+)  # as in `solution`
 
 
 def filter_states(state: Records) -> Records:

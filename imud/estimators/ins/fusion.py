@@ -23,6 +23,7 @@ from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
 from .glr_tests.compass_offset import add_to_compass_offset, update_boresight_sensitivity
+from .glr_tests.current import add_fix_to_current, add_to_current
 from .glr_tests.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
 from .glr_tests.gnss_drift import BY_WHEELS, add_to_drift
 from .glr_tests.gyro_bias_step import add_to_gyro_bias_step
@@ -32,7 +33,7 @@ from .heading_boresight import add_boresight, covariance_with_boresight, propaga
 from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import COMPASS_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
+from .state import COMPASS_AXIS, CONSTRAINT_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -68,6 +69,8 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     compute_gain(c, s)
     e = covariance_with_boresight(c, length, axis)
     add_to_drift(c, z, s, axis)
+    if axis == CONSTRAINT_AXIS:
+        add_to_current(c, z, s, 1.0)
     update_sensitivities(c)
     update_boresight_sensitivity(c, s, e)
     update_boresight(c, z, s, e)
@@ -118,6 +121,7 @@ def fix_update(
         add_to_time_offset_step(c, z, s, axis)
         if gate != REJECT:
             add_to_gyro_bias_step(p, c, z, s, r, axis)
+            add_fix_to_current(p, c, z, s, r, axis)
         add_to_velocity_drift(p, c, z, s, axis)
         add_to_compass_offset(p, c, z, s, axis)
     return test_and_fuse(c, length, z, s, 0.0, gate, axis)
@@ -148,9 +152,11 @@ def write_innovation(
 
 
 @kernel
-def pseudo_measurement(c: Core, kind: int, length: int, z: float, r: float, gate: float) -> tuple[float, float, float]:
+def pseudo_measurement(
+    c: Core, kind: int, length: int, z: float, r: float, gate: float, axis: int
+) -> tuple[float, float, float]:
     """`gated_update` of what is assumed instead of measured; its innovation is stored until it is asked for."""
-    z, s, nis = gated_update(c, length, z, r, gate)
+    z, s, nis = correlated_update(c, length, z, r, 0.0, gate, axis)
     scratch, n = c.scratch, c.scratch.innovation_count
     scratch.innovation_count = write_innovation(scratch.innovations, n, c.nav.t_ns, kind, z, s, nis >= 0.0)
     return z, s, nis

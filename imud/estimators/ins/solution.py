@@ -185,7 +185,8 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         c.cov.P[packed_index(STATES, a + 2, a + 2)]
         + c.gyro_bias_step.heading_variance
         + c.velocity_drift.heading_variance
-        + c.compass_offset.heading_variance,
+        + c.compass_offset.heading_variance
+        + c.current.heading_variance,
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

@@ -35,6 +35,7 @@ REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = 0, 1, 2
 # axis of an update, for the GLR tests
 POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 1: east
 OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
+CONSTRAINT_AXIS = -4  # of the non-holonomic constraint
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 VECTORS = 12  # pairs of vectors kept, from which roll and pitch are found in motion
 NEVER_NS = -(1 << 62)  # a time before all others
@@ -45,7 +46,8 @@ GYRO_BIAS_ONSETS = 4  # times at which the gyro bias may have stepped
 CHORD_POINTS = 33  # of the comparison of a receiver's velocity with its positions
 ONSETS = 3  # times at which the receiver may have begun to drift
 # columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`
-DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, VELOCITY_DRIFT_FAULT, FAULTS = 0, 6, 7, 11, 12, 21
+DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, CURRENT_FAULT = 0, 6, 7, 11, 12
+VELOCITY_DRIFT_FAULT, FAULTS = 14, 23
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 AGES, NO_AGE, AGE_STEP_NS = 21, 5, 100_000_000  # ages of a source: -0.5 to 1.5 s; which of them is none
 BANKS = 32  # fixes of which the hypothesis bank is kept

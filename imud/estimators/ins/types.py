@@ -159,6 +159,8 @@ class LandEvidence:
     turn_force: Reals
     leaky_height: float
     mean_height: float
+    current_vector: Reals
+    current_information: Reals
     log_likelihood: float
     heave_variance: float
 
@@ -281,6 +283,14 @@ class CompassOffset:
     energy: float
     count: float
     boresight_sensitivity: float
+    heading_variance: float
+
+
+class Current:
+    vector: Reals
+    information: Reals
+    energy: float
+    count: float
     heading_variance: float
 
 
@@ -488,6 +498,7 @@ class Snapshot:
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
+    current: Current
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -516,6 +527,7 @@ class Core:
     gyro_bias_step: GyroBiasStep
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
+    current: Current
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

@@ -170,7 +170,8 @@ def accumulate_scatter(p: Parameters, c: Core, v: Vector, level2: float, heading
     fast = speed2 > p.tuning.direction_sigmas**2 * (level2 + p.tuning.nhc_sigma**2)
     if fast and p.vehicle == AUTO and c.alignment.mode == NAVIGATING and h.scatter_weight > 0.0:
         add_evidence(p, c, v, level2 + heading2 * speed2, down)
-        judge_evidence(p, c)
+        if not h.enabled:
+            judge_evidence(p, c)
     if speed2 < p.tuning.direction_sigmas**2 * s2:
         return False
     if h.enabled:

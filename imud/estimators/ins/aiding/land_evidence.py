@@ -118,6 +118,12 @@ def slip_variance(p: Parameters, speed2: float) -> float:
 
 
 @kernel
+def current_variance(p: Parameters, speed2: float) -> float:
+    """The same of a body that is no land vehicle."""
+    return p.tuning.land_slip**2 + p.tuning.current_share**2 * speed2
+
+
+@kernel
 def add_evidence(p: Parameters, c: Core, v: Vector, level2: float, down: Vector) -> None:
     """Add a velocity v of a window (m/s, NED; level2: variance of a component) to the sums; down: body axes."""
     e = c.land_evidence
@@ -165,7 +171,7 @@ def log_evidence(I00: float, I01: float, I11: float, z0: float, z1: float, varia
 @kernel
 def judge_evidence(p: Parameters, c: Core) -> None:
     """Once per window: the log likelihood ratio of a land vehicle against a body in a current."""
-    e, t = c.land_evidence, p.tuning
+    e = c.land_evidence
     down, axis, level = c.nhc.down_sum, c.nhc.principal_axis, e.level_axis
     x = axis[0] * level[0] + axis[1] * level[1] + axis[2] * level[2]
     right = cross((down[0], down[1], down[2]), (level[0], level[1], level[2]))
@@ -193,9 +199,12 @@ def judge_evidence(p: Parameters, c: Core) -> None:
     scale = 1.0 / max(rotated[5 * LATERAL + LATERAL] / max(e.count, 1.0), 1.0)
     I00, I01, I11 = rotated[5 * 2 + 2] * scale, rotated[5 * 2 + 3] * scale, rotated[5 * 3 + 3] * scale
     z0, z1 = rotated[5 * 2 + 4] * scale, rotated[5 * 3 + 4] * scale
-    current2 = t.land_slip**2 + t.current_share**2 * speed2
     e.log_likelihood = log_evidence(I00, I01, I11, z0, z1, slip_variance(p, speed2))
-    e.log_likelihood -= log_evidence(I00, I01, I11, z0, z1, current2)
+    e.log_likelihood -= log_evidence(I00, I01, I11, z0, z1, current_variance(p, speed2))
+    e.current_vector[0], e.current_vector[1] = -sin * z0 - cos * z1, cos * z0 - sin * z1
+    e.current_information[0] = sin * sin * I00 + 2.0 * sin * cos * I01 + cos * cos * I11
+    e.current_information[1] = sin * cos * (I11 - I00) + (sin * sin - cos * cos) * I01
+    e.current_information[2] = cos * cos * I00 - 2.0 * sin * cos * I01 + sin * sin * I11
 
 
 @kernel

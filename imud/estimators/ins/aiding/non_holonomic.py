@@ -21,11 +21,13 @@ from ...records import NHC_LATERAL, NHC_VERTICAL
 from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, pseudo_measurement
+from ..glr_tests.current import judge_current, open_current, remove_current
 from ..mechanization import quaternion
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
     AUTO,
+    CONSTRAINT_AXIS,
     GYRO_BIAS,
     GYRO_SCALE,
     LAND,
@@ -37,7 +39,7 @@ from ..state import (
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
 from .forward_axis_search import clear_scatter
-from .land_evidence import add_heave, refutes_land_vehicle
+from .land_evidence import add_heave, current_variance, refutes_land_vehicle, slip_variance
 from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
@@ -145,12 +147,14 @@ def enable_nhc(p: Parameters, c: Core) -> None:
     h.direction = 0.0
     h.mean_nis = 1.0
     clear_innovation_sums(c)
+    open_current(c)
 
 
 @kernel
 def reset_nhc(c: Core) -> None:
     """Disable the constraint and clear the scatter matrices."""
     c.nhc.enabled = 0
+    c.current.heading_variance = 0.0
     clear_scatter(c)
 
 
@@ -162,6 +166,9 @@ def disable_nhc(p: Parameters, c: Core, along: float) -> None:
     of attitude, biases and gyro_scale are put back to those at which the constraint was enabled.
     """
     h = c.nhc
+    remove_current(c, current_variance(p, along * along))
+    correct_state(p, c)
+    c.current.heading_variance = 0.0
     add_variance(c, ATTITUDE + 2, h.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
     for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GYRO_SCALE, GYRO_SCALE + 3, GYRO_SCALE + 6):
         for i in range(first, first + 3):
@@ -226,15 +233,21 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     suspension2 = (p.tuning.suspension_pitch * along) ** 2 * 2.0 * p.tuning.suspension_time_s / p.tuning.nhc_interval_s
     length = set_jacobian(c, nhc_jacobian(c, q, lateral, along, MOUNT_YAW), NHC_LEVER_ARM, -turn_rate)
     z = c.nav.nhc_lever_arm * turn_rate - dot(lateral, vb)
-    value, s, lateral_nis = pseudo_measurement(c, NHC_LATERAL, length, z, h.noise_scale[0] * r, p.tuning.nhc_gate)
+    value, s, lateral_nis = pseudo_measurement(
+        c, NHC_LATERAL, length, z, h.noise_scale[0] * r, p.tuning.nhc_gate, CONSTRAINT_AXIS
+    )
     add_innovation(c, 0, value, s)
     length = nhc_jacobian(c, q, vertical, along, MOUNT_PITCH)
     z = -dot(vertical, vb)
     value, s, vertical_nis = pseudo_measurement(
-        c, NHC_VERTICAL, length, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate
+        c, NHC_VERTICAL, length, z, h.noise_scale[1] * r + suspension2, p.tuning.nhc_gate, CONSTRAINT_AXIS
     )
     add_innovation(c, 1, value, s)
     correct_state(p, c)
+    if p.vehicle == AUTO:
+        c.land_evidence.log_likelihood = judge_current(
+            c, slip_variance(p, along * along), current_variance(p, along * along)
+        )
     if p.vehicle != LAND and (leans(p, c, q) or refutes_land_vehicle(p, c)):
         disable_nhc(p, c, along)
         return

@@ -51,6 +51,8 @@ LAND_EVIDENCE = np.dtype(  # that the vehicle rolls on the ground
         ("turn_force", "<f8", (6,)),  # count; sums of turn and lateral force, m/s^2; of their products
         ("leaky_height", "<f8"),  # m, integral of the vertical velocity in the body that decays
         ("mean_height", "<f8"),  # m, its mean
+        ("current_vector", "<f8", (2,)),  # s/m, information times current north and east
+        ("current_information", "<f8", (3,)),  # s^2/m^2, of the current: nn, ne, ee
         ("log_likelihood", "<f8"),  # ratio, of a land vehicle against a body in a current; 0: not known
         ("heave_variance", "<f8"),  # mean square of its deviation, over the largest of a land vehicle
     ],

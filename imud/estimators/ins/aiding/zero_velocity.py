@@ -19,7 +19,7 @@ from ..fusion import correct_state, pseudo_measurement
 from ..glr_tests.gnss_drift import clear_velocity_sensitivity
 from ..mechanization import ned_to_body, set_velocity
 from ..rest import gnss_confirms_rest, max_rest_rate
-from ..state import GYRO_BIAS, NAVIGATING, VELOCITY
+from ..state import GYRO_BIAS, NAVIGATING, OTHER_AXIS, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -75,7 +75,9 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     if navigating:
         for i in range(3):
             length = set_jacobian(c, 0, VELOCITY + i, 1.0)
-            pseudo_measurement(c, REST_N + i, length, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate)
+            pseudo_measurement(
+                c, REST_N + i, length, -c.nav.v_n[i], sigma * sigma, 4.0 * p.tuning.rest_gate, OTHER_AXIS
+            )
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted = c.stationarity, False
@@ -85,7 +87,7 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
         if abs(z) > max_rest_rate(p, c, i):  # only a confirmed rest is detected with such a rate
             decorrelate(c, GYRO_BIAS + i, z * z)
             contradicted = True
-        pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate)
+        pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)
     correct_state(p, c)
     if confirmed or not navigating:
         reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)

@@ -14,6 +14,7 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s             | -1: time offset      | 0                                   |
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
 | COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading, less its boresight |
+| CURRENT_FAULT        | 2           | current north, east, m/s                        | 0                    | minus the axis, for the constraint  |
 | VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
 Once a fault is found, x -= V d removes what it has done, and P += sigma^2 V V' states how well d is known.
@@ -32,6 +33,8 @@ from ..error_model import apply_transition
 from ..state import (
     COMPASS_AXIS,
     COMPASS_FAULT,
+    CONSTRAINT_AXIS,
+    CURRENT_FAULT,
     DRIFT_FAULT,
     FAULTS,
     HEADING_AXIS,
@@ -85,8 +88,10 @@ def propagate_sensitivities(c: Core, transition: Transition) -> None:
         apply_transition(c.faults.sensitivity, COMPASS_FAULT, transition)
     elif all_in_use(c):
         apply_transition(c.faults.sensitivity, FAULTS, transition)
-    else:
+    elif c.nhc.enabled:
         apply_transition(c.faults.sensitivity, VELOCITY_DRIFT_FAULT, transition)
+    else:
+        apply_transition(c.faults.sensitivity, CURRENT_FAULT, transition)
 
 
 @kernel
@@ -97,12 +102,17 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
     """
     if all_in_use(c):
         predict_from_errors(c, length, FAULTS)
-    else:
+    elif c.nhc.enabled:
         predict_from_errors(c, length, VELOCITY_DRIFT_FAULT)
+    else:
+        predict_from_errors(c, length, CURRENT_FAULT)
     if axis >= POSITION_AXIS:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)
+    elif axis == CONSTRAINT_AXIS:
+        for i in range(2):  # the Jacobian begins with the velocity's
+            c.scratch.fault_innovation[CURRENT_FAULT + i] -= c.scratch.values[i]
     elif axis <= HEADING_AXIS and c.compass_offset.onset_ns != NEVER_NS:
         b = c.compass_offset.boresight_sensitivity if axis == COMPASS_AXIS else 1.0
         c.scratch.fault_innovation[COMPASS_FAULT] += b
@@ -133,8 +143,10 @@ def update_sensitivities(c: Core) -> None:
     """V <- V + K (b - h V) before the scalar update that follows, whose gain is in scratch."""
     if all_in_use(c):
         follow_update(c, FAULTS)
-    else:
+    elif c.nhc.enabled:
         follow_update(c, VELOCITY_DRIFT_FAULT)
+    else:
+        follow_update(c, CURRENT_FAULT)
 
 
 @unrolled

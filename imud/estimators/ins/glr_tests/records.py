@@ -72,6 +72,17 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
     align=True,
 )
 
+CURRENT = np.dtype(  # the test for a body in a current that passes for a land vehicle (GLR)
+    [
+        ("vector", "<f8", (2,)),  # s/m, information times current north and east
+        ("information", "<f8", (3,)),  # s^2/m^2, of the current: nn, ne, ee
+        ("energy", "<f8"),  # sum of the normalised innovations squared
+        ("count", "<f8"),  # number of these
+        ("heading_variance", "<f8"),  # rad^2, beyond P: of a current that is not excluded
+    ],
+    align=True,
+)
+
 GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the vertical (GLR)
     [
         ("last_ns", "<i8"),  # the last fix

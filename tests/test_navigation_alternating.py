@@ -56,6 +56,17 @@ def test_it_is_valid_again_when_the_positions_are_in_one_place(run):
         assert valid(out, bit)[60:].all()
 
 
+@pytest.mark.parametrize("rate_hz", [5, 10])
+@pytest.mark.parametrize("seconds_each", [3, 5])
+def test_many_positions_in_each_place_are_no_reason_to_believe_one_of_them(rate_hz, seconds_each):
+    """It begins at the wrong place; at 10 Hz that was valid, and sure, for all of the time."""
+    d = drive(SECONDS, rest=1e9)
+    fixes = received(d, np.random.default_rng(3), every=1.0 / rate_hz)
+    fixes["lat"][np.arange(len(fixes)) // (rate_hz * seconds_each) % 2 == 0] += 200.0 / 6.37e6
+    out, _, _ = navigate(sensed(d, np.random.default_rng(3)), fixes)
+    assert not valid(out)[4 * seconds_each + 3 :].any()
+
+
 @pytest.mark.parametrize("outliers", [0.05, 0.1])
 def test_outliers_are_rejected_and_the_position_stays_valid(run, outliers):
     d, samples = run

@@ -234,7 +234,7 @@ class Tuning:
     max_speed_of_gravity: float
     recent_rest_s: float
     wrong_bias_gate: float
-    alternation_decay: float
+    alternation_memory_s: float
     max_returns: float
     max_reject_share: float
     frozen_min_m: float

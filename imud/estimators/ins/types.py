@@ -195,6 +195,7 @@ class Integrity:
     position_inflation: Reals
     velocity_inflation: Reals
     reset_score: float
+    position_ns: int
     position_uses: float
     position_rejects: float
     position_returns: float

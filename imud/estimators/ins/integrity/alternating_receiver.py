@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 
@@ -17,9 +19,7 @@ if TYPE_CHECKING:
 
 
 TUNABLES = (
-    Tunable(
-        "alternation_decay", 0.98, "per fix", "Decay of the counts of positions.", "About fifty fixes.", high=0.9999
-    ),
+    Tunable("alternation_memory_s", 50.0, "s", "Time in which the counts of positions fade.", "Choice: some returns."),
     Tunable("max_returns", 1.5, "", "Largest decaying count of returns without alternation.", "Choice."),
     Tunable(
         "max_reject_share", 0.3, "", "Largest share of rejected positions of a receiver that alternates.", "Choice."
@@ -30,7 +30,9 @@ TUNABLES = (
 @kernel
 def count_position(p: Parameters, c: Core, used: bool, after_rejects: bool) -> None:
     """Count a position. after_rejects: the one before was rejected."""
-    g, decay = c.integrity, p.tuning.alternation_decay
+    g = c.integrity
+    decay = elementary.exp(-1e-9 * (c.nav.t_ns - g.position_ns) / p.tuning.alternation_memory_s)
+    g.position_ns = c.nav.t_ns
     g.position_uses = decay * g.position_uses + (1.0 if used else 0.0)
     g.position_rejects = decay * g.position_rejects + (0.0 if used else 1.0)
     g.position_returns = decay * g.position_returns + (1.0 if used and after_rejects else 0.0)

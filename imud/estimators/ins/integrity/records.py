@@ -23,6 +23,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("position_inflation", "<f8", (3,)),  # m^2, beyond P: how far fixes were that the filter was reset to, fading
         ("velocity_inflation", "<f8", (2,)),  # m^2/s^2, how fast they drifted away before, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
+        ("position_ns", "<i8"),  # when a position was last used or rejected
         ("position_uses", "<f8"),  # positions that were used, fading
         ("position_rejects", "<f8"),  # positions that were rejected, fading
         ("position_returns", "<f8"),  # positions that were used after rejected ones, fading

@@ -13,6 +13,7 @@ from typing import NoReturn
 _SERVICES = ("run", "sim", "record", "web")  # run until SIGTERM ends them, which is no failure
 _SELDOM_USED = (
     *("ipaddress", "selectors", "tokenize", "linecache"),  # which urllib.parse, socket, inspect, traceback import
+    *("inspect", "ast", "tomllib"),  # which dataclasses and numpy import; which we need for a file of settings
     *("msgspec.inspect", "structlog.stdlib", "logging"),  # which msgspec and structlog import
     *("numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"),  # docstrings, which numpy imports
 )

@@ -29,7 +29,6 @@ import os
 import socket
 import struct
 import time
-import uuid
 from collections.abc import Iterator
 from functools import reduce
 from operator import xor
@@ -247,7 +246,7 @@ def connect(path: str | Path, divisor: int = 1, timeout_s: float | None = None) 
 
 def boot_id() -> bytes:
     """16 bytes that differ from one boot of this machine to the next."""
-    return uuid.UUID(Path("/proc/sys/kernel/random/boot_id").read_text().strip()).bytes
+    return bytes.fromhex(Path("/proc/sys/kernel/random/boot_id").read_text().replace("-", ""))
 
 
 class Shared:

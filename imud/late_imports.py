@@ -18,6 +18,29 @@ class _StandIn(ModuleType):
         return getattr(importlib.import_module(self.__name__), name)
 
 
+@contextlib.contextmanager
+def undocumented() -> Iterator[None]:
+    """Within the block numpy, if it is imported there, does not format the documentation of its functions.
+
+    For that it would import `inspect`, which imports `ast` and `dis`: 1 MB.
+    """
+    before = sys.modules.get("inspect")
+    if before is not None and not isinstance(before, _StandIn):
+        yield
+        return
+    stand_in = _StandIn("inspect")
+    vars(stand_in).update(cleandoc=lambda _: "", signature=lambda _: None)
+    modules: dict[str, Any] = sys.modules
+    modules["inspect"] = stand_in
+    try:
+        yield
+    finally:
+        if before is None:
+            _remove(stand_in)
+        elif modules["inspect"] is stand_in:
+            modules["inspect"] = before
+
+
 def _remove(stand_in: _StandIn) -> None:
     if sys.modules.get(stand_in.__name__) is stand_in:
         del sys.modules[stand_in.__name__]

@@ -63,6 +63,31 @@ print(colorsys.__name__)
     assert output_of(code) == ["colorsys", "colorsys"]
 
 
+def test_numpy_comes_without_what_only_formats_its_documentation_and_works():
+    code = """
+import sys
+from imud.late_imports import imported_late, undocumented
+with imported_late("ast", "inspect"):
+    with undocumented():
+        import numpy
+    print({name for name in ("inspect", "ast", "dis") if type(sys.modules.get(name)) is type(sys)})
+    import inspect  # by another, within the same command
+print(inspect.signature(lambda whatever: 0), numpy.zeros(2, "i4,(2,)f8").itemsize)  # the comma needs `ast`
+"""
+    assert output_of(code) == ["set()", "(whatever)", "20"]
+
+
+def test_numpy_has_its_documentation_where_inspect_is_there_anyway():
+    code = """
+import inspect
+from imud.late_imports import undocumented
+with undocumented():
+    import numpy
+print(len(numpy.concatenate.__doc__) > 100, inspect.signature(lambda whatever: 0))
+"""
+    assert output_of(code) == ["True", "(whatever)"]
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -6,10 +6,13 @@ except ImportError:  # a Python whose hashes all come from OpenSSL
     from hashlib import blake2b
 
 
-def digest_of(*parts: bytes) -> str:
+def digest_of(*parts: bytes | memoryview) -> str:
     """64 hexadecimal digits of the parts, one after the other.
 
     >>> digest_of(b"a", b"b") == digest_of(b"ab")
     True
     """
-    return blake2b(b"".join(parts), digest_size=32).hexdigest()
+    digest = blake2b(digest_size=32)
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()

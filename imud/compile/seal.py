@@ -15,8 +15,7 @@ PACKAGE = "imud"  # our sources: `imud/drivers` is a link in a checkout, a folde
 
 def digest(files: Sequence[str], root: Path = ROOT) -> str:
     """Digest of these files of the sources, names and contents. Raises OSError if one is not there."""
-    contents = [(name, (root / name).read_bytes()) for name in files]
-    return digest_of(*(f"{name}\0{len(content)}\0".encode() + content for name, content in contents))
+    return digest_of(*(f"{name}\0{digest_of((root / name).read_bytes())}\n".encode() for name in files))
 
 
 def drivers(root: Path = ROOT) -> set[str]:
@@ -24,12 +23,12 @@ def drivers(root: Path = ROOT) -> set[str]:
     return {path.relative_to(root).as_posix() for path in (root / PACKAGE / "drivers").glob("*/driver.py")}
 
 
-def processor(program: bytes) -> bytes:
+def processor(program: bytes | memoryview) -> bytes:
     """The kind of processor that an ELF file is for: its class, byte order and machine (elf(5)).
 
     The name of the running kernel does not tell: it may be of 64 bits and this program of 32.
     """
-    return program[4:6] + program[18:20]
+    return bytes(program[4:6]) + bytes(program[18:20])
 
 
 @functools.cache
@@ -41,8 +40,9 @@ def _this_program() -> bytes:
 def defect(library: Path) -> str | None:
     """Why a library must not be loaded; None: it may."""
     try:
-        code, _, line = library.read_bytes().rpartition(b"\n")
-        seal = json.loads(line)
+        content = library.read_bytes()
+        end = content.rfind(b"\n")
+        code, seal = memoryview(content)[:end], json.loads(content[end + 1 :])
         if seal["code"] != digest_of(code):
             return "is damaged"
         if processor(code) != processor(_this_program()):

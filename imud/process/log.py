@@ -15,7 +15,7 @@ from typing import Any, TextIO, cast
 from ..late_imports import hidden, imported_late
 
 # structlog uses asyncio in coroutines only, and rich, where it is installed, for tracebacks: 6 MB and 40 ms each
-with imported_late("asyncio"), hidden("rich"):
+with imported_late("asyncio"), hidden("rich", "colorama"):
     import structlog
 
 

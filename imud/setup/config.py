@@ -120,7 +120,7 @@ def loads(
     try:
         if any(line.count(".") > _DOTS_MAX for line in text.splitlines()):
             raise RecursionError
-        table = tomllib.loads(text)
+        table = tomllib.loads(text) if text else {}
     except RecursionError:
         raise ConfigError(f"{name} is not valid TOML: arrays or tables are nested too deeply") from None
     except ValueError as error:

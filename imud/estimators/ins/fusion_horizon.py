@@ -222,8 +222,8 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
 
     It is the slope of a straight line over the longest time, up to `accel_window_s`, over which noise explains all that
     the velocities differ from it: the noise of a shorter one is that of the velocity's error, and gives a wrong time
-    offset that is certain (errors in variables). Where possible the line begins at the velocity of the fix, because
-    noise that comes later is not in the error of that velocity.
+    offset that is certain (errors in variables). Where possible the velocity of the fix is in the middle of the line:
+    noise before it changes the slope and the velocity's error in the same sense, noise after it in the opposite one.
 
     scratch.accel_fit_error <- m/s, second-order term by the uncertainty of the velocity's time offset.
     scratch.lag_change <- m/s, change of the antenna's velocity since then until the core's time.
@@ -245,7 +245,7 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     span, psd = max(0.5 * p.tuning.accel_window_s, least), velocity_psd(p, c)
     while True:
         span_ns = int(1e9 * span)
-        last_ns = min(newest_ns, then_ns + 2 * span_ns)
+        last_ns = min(newest_ns, then_ns + span_ns)
         v0 = antenna_velocity_at(s, snapshot_count, last_ns)
         v1 = antenna_velocity_at(s, snapshot_count, last_ns - span_ns)
         v2 = antenna_velocity_at(s, snapshot_count, last_ns - 2 * span_ns)

@@ -63,6 +63,16 @@ def mounted_wrong(boresight_sigma_deg="auto", from_s=0.0, **tuning):
 
 
 @golden("navigation")
+def compass_near_iron():
+    """Of the vehicle: its deviation changes with the heading. Its headings pause twice, once on the way."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=57)
+    rows["value"][:, 0] += np.radians(20.0) * np.sin(rows["value"][:, 0] + 2.0)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    return replace(navigated(*data(d, seed=58)), measurements=rows[(np.abs(t - 10.0) > 2.0) & (np.abs(t - 50.0) > 2.0)])
+
+
+@golden("navigation")
 def compass_mounted_wrong():
     """It is estimated as a boresight."""
     return mounted_wrong()

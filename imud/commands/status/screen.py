@@ -88,6 +88,8 @@ def _estimates(source: Table) -> Iterator[str]:
     texts = [form.format(source[key], source[sigma]) for key, sigma, form in forms if key in source]
     if "late_s" in source:
         texts.append(f"{'early' if source['late_s'] < 0.0 else 'late'} by {abs(source['late_s']):.2f} s")
+    if "deviation_deg" in source:
+        texts.append(f"deviates by {source['deviation_deg']:.1f}°")
     if texts:
         yield "  found: " + ", ".join(texts)
     if "finding" in source:

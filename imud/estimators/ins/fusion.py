@@ -33,7 +33,7 @@ from .heading_boresight import add_boresight, covariance_with_boresight, propaga
 from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import COMPASS_AXIS, CONSTRAINT_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
+from .state import ATTITUDE, COMPASS_AXIS, CONSTRAINT_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -174,4 +174,5 @@ def correct_state(p: Parameters, c: Core) -> None:
     record_corrections(c)
     for i in range(3):
         c.odometer.corrections[i] += c.scratch.x[VELOCITY + i]
+    c.heading_aid.yaw_corrections += c.scratch.x[ATTITUDE + 2]
     inject_error(p, c)

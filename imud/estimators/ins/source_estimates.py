@@ -45,6 +45,9 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
             "boresight_deg": math.degrees(heading["boresight"]),
             "sboresight_deg": math.degrees(math.sqrt(heading["boresight_variance"])),
         }
+    if heading["deviation_variance"] > 0.0:
+        deviation_deg = math.degrees(math.sqrt(heading["deviation_variance"]))
+        found.setdefault(HEADING_SOURCE, {})["deviation_deg"] = deviation_deg
     for kind, (record, key, wrong, text) in _FINDINGS.items():
         if c[record][key] == wrong:
             found.setdefault(kind, {})["finding"] = text

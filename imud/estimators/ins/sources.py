@@ -22,6 +22,7 @@ from .aiding import (
     external_pose,
     external_velocity,
     heading,
+    heading_deviation,
     heading_turns,
     magnetometer,
     odometer,
@@ -57,6 +58,7 @@ SOURCES = (
 )
 TUNABLES = (
     *heading.TUNABLES,
+    *heading_deviation.TUNABLES,
     *heading_turns.TUNABLES,
     *source_age.TUNABLES,
     *odometer.TUNABLES,

@@ -316,6 +316,13 @@ class Tuning:
     heading_agreement: float
     heading_trust_s: float
     heading_min_level: float
+    deviation_time_s: float
+    deviation_memory_s: float
+    deviation_step_s: float
+    deviation_jump: float
+    deviation_clip: float
+    deviation_scale: float
+    deviation_min_excess: float
     heading_turn_s: float
     heading_turn_step_s: float
     heading_turn_memory: float

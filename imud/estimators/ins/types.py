@@ -387,6 +387,14 @@ class HeadingAid:
     boresight: float
     boresight_variance: float
     boresight_prior: float
+    yaw_corrections: float
+    last_off: float
+    off_changed: float
+    gyros_turned: float
+    expected_variance: float
+    mean_excess: float
+    deviation_variance: float
+    opened_variance: float
     turn_ns: int
     turn_count: int
     turn_heading: float

@@ -25,6 +25,7 @@ from ..glr_tests.compass_offset import close_compass_offset, is_unconfirmed, ope
 from ..heading_boresight import begin_boresight, forget_boresight, prior_variance, widen_unused_boresight
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
+from .heading_deviation import learn_deviation
 from .heading_turns import add_heading_turn, forget_turns, turns_differently
 
 if TYPE_CHECKING:
@@ -155,25 +156,27 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
     if x * x + y * y < p.tuning.heading_min_level**2:
         return 0
-    length = yaw_jacobian(c, 0, x, y, z)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    z = wrap_angle(heading_of(p, c, m) - elementary.atan2(y, x) - rate * ahead_s)
+    off = wrap_angle(heading_of(p, c, m) - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
+    timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
+    learn_deviation(p, c, m.t_ns, off + c.heading_aid.boresight, r, rate, timing)
+    length = yaw_jacobian(c, 0, x, y, z)
     add_heading_turn(p, c, m.t_ns, m.value[0], rate, r)
     others = headings_per_error(p, c, m) - 1.0
-    timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     gate = p.tuning.heading_gate
     if c.heading_aid.distrusted:
         s = innovation_variance(c, length) + r + timing + prior_variance(p, c)
-        check_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
+        check_trust(p, c, m.t_ns, off * off < p.tuning.heading_agreement * s)
         gate = REJECT
     elif c.compass_offset.onset_ns == NEVER_NS:
         open_compass_offset(c, False)
     if not c.heading_aid.distrusted:
         begin_boresight(p, c)
-    shared = others * (r + rate * rate * c.scratch.age_variance)
-    z, s, nis = correlated_update(c, length, z, r + timing, shared, gate, COMPASS_AXIS)
+    deviation = c.heading_aid.deviation_variance
+    shared = others * (r + deviation + rate * rate * c.scratch.age_variance)
+    z, s, nis = correlated_update(c, length, off, r + timing + deviation, shared, gate, COMPASS_AXIS)
     used = nis >= 0.0
     if used:
         correct_state(p, c)

@@ -129,6 +129,14 @@ HEADING_AID = np.dtype(
         ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
         ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
         ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
+        ("yaw_corrections", "<f8"),  # rad, sum of all corrections of the yaw
+        ("last_off", "<f8"),  # rad, the last heading less the yaw by the gyros alone
+        ("off_changed", "<f8"),  # rad, by how much that has changed lately
+        ("gyros_turned", "<f8"),  # rad, by how much they have turned meanwhile
+        ("expected_variance", "<f8"),  # rad^2, of off_changed without a deviation
+        ("mean_excess", "<f8"),  # rad^2, mean square of off_changed beyond that
+        ("deviation_variance", "<f8"),  # rad^2, of the headings' deviation, as near iron; 0: none has shown
+        ("opened_variance", "<f8"),  # rad^2, as much of it as P has
         ("turn_ns", "<i8"),  # when the interval began whose turn is compared
         ("turn_count", "<i8"),  # intervals before it
         ("turn_heading", "<f8"),  # rad, the last heading

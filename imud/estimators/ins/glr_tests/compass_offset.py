@@ -96,6 +96,8 @@ def open_compass_offset(c: Core, given: bool) -> None:
     open_column(c, COMPASS_FAULT)
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
     g.boresight_sensitivity = 1.0
+    if given:
+        c.heading_aid.opened_variance = 0.0  # the heading has all of a compass's deviation
 
 
 @kernel

@@ -219,17 +219,17 @@ def test_status_and_mode(status, emulated, expected):
 
 
 @pytest.mark.parametrize(
-    ("gnss", "expected"),
+    ("gnss", "hae", "msl"),
     [
-        (ReceiverReport(geoid_sep=46.0, alt_msl=1.0), 454.125),
-        (ReceiverReport(alt_msl=450.0), 450.0),
-        (ReceiverReport(), None),
-        (None, None),
+        (ReceiverReport(geoid_sep=46.0, alt_msl=1.0), 500.125, 454.125),
+        (ReceiverReport(alt_msl=500.0), None, 500.125),  # fixes, and so the filter, then have heights above the sea
+        (ReceiverReport(), 500.125, None),
+        (None, 500.125, None),
     ],
 )
-def test_altitude_above_the_sea(gnss, expected):
+def test_altitudes_above_the_ellipsoid_and_above_the_sea(gnss, hae, msl):
     tpv = fields("TPV", golden_view(gnss=gnss))
-    assert (tpv.get("altMSL"), tpv.get("alt")) == (expected, expected)
+    assert (tpv.get("altHAE"), tpv.get("altMSL"), tpv.get("alt")) == (hae, msl, msl)
 
 
 @pytest.mark.parametrize(

@@ -264,6 +264,15 @@ def test_a_steady_force_far_from_gravity_is_a_fault_after_ten_seconds_until_it_i
     assert samples["outage_s"][marked[0]] == pytest.approx(10.0, abs=0.01)
 
 
+@pytest.mark.parametrize("scale", [0.5, 0.6, 2.0])
+def test_a_sensor_whose_range_is_not_what_is_assumed_shows_it_at_rest_whatever_its_bias(scale):
+    for bias in (-0.3, 0.3):
+        samples = noisy(20.0, np.random.default_rng(2))
+        samples["f"] *= scale
+        samples["f"][:, 2] += bias
+        assert "far from gravity" in " ".join(words(recent_findings(judged(samples))))
+
+
 @pytest.mark.parametrize("g", [0.1, 2.3, 5.0])
 def test_a_force_far_from_gravity_of_a_sensor_that_turns_is_no_fault(g):
     """An aircraft pulls 2.3 g in a turn of 65 deg bank; at 100 m/s it turns by 0.2 rad/s. A hand shakes harder."""

@@ -132,8 +132,10 @@ def test_the_quality_of_the_fix_is_in_gga_rmc_and_vtg(status, quality, gga, mode
     assert (said["GPGGA"].quality, said["GPRMC"].posMode, said["GPVTG"].posMode) == (gga, mode, mode)
 
 
-def test_without_a_geoid_there_is_no_altitude_and_slow_motion_has_no_course():
+def test_without_a_geoid_the_altitude_is_that_of_a_receiver_without_one_and_slow_motion_has_no_course():
     assert parsed(view(gnss=None))["GPGGA"].alt == ""
+    above_sea = parsed(view(gnss=GNSS._replace(geoid_sep=math.nan)))["GPGGA"]
+    assert (above_sea.alt, above_sea.sep) == (pytest.approx(parsed(view(gnss=GNSS))["GPGGA"].alt + 20.0), "")
     assert parsed(view(v=(0.1, 0.1, 0.0)))["GPVTG"].cogt == ""
 
 

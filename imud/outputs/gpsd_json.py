@@ -67,10 +67,11 @@ def _motion(s: State) -> Vector:
     return track, speed, 0.0 - vd, epd if known else NAN, _NORMAL95 * along, _NORMAL95 * sd
 
 
-def _altitude_msl(s: State, gnss: ReceiverReport | None) -> float:
-    if gnss is None or not math.isfinite(s.height):
-        return NAN
-    return s.height - gnss.geoid_sep if math.isfinite(gnss.geoid_sep) else gnss.alt_msl
+def _altitudes(s: State, gnss: ReceiverReport | None) -> tuple[float, float]:
+    """Above the ellipsoid, and above sea level."""
+    if gnss is None:
+        return s.height, NAN
+    return (NAN, s.height) if gnss.height_is_msl else (s.height, s.height - gnss.geoid_sep)
 
 
 _DEAD_RECKONING, _GNSS_AND_DEAD_RECKONING, _SIMULATED = 5, 6, 8
@@ -91,10 +92,10 @@ def _fix(view: View, s: State) -> str:
 
 def _tpv(view: View, s: State) -> str:
     sn, se, sd = s.sigma_p
-    msl = _altitude_msl(s, view.gnss)
+    hae, msl = _altitudes(s, view.gnss)
     geoid_sep = view.gnss.geoid_sep if view.gnss else NAN
     numbers = _TPV(
-        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, s.height, msl, msl, geoid_sep,
+        view.utc_error_s if view.utc_s is not None else NAN, s.lat, s.lon, hae, msl, msl, geoid_sep,
         _NORMAL95 * se, _NORMAL95 * sn, _NORMAL95 * sd, _bound95(sn, se), _bound95(sn, se, sd),
         *_motion(s), *s.v,
     )  # fmt: skip

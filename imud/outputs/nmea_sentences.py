@@ -87,7 +87,7 @@ def gga(view: View, state: State) -> str:
     separation = gnss.geoid_sep if gnss and quality else math.nan
     satellites = "" if gnss is None or gnss.satellites is None else f"{gnss.satellites:02d}"
     hdop = _number("%.1f", gnss.hdop) if gnss else ""
-    altitude = _number("%.3f", state.height - separation)
+    altitude = _number("%.3f", state.height - (0.0 if gnss and gnss.height_is_msl else separation))
     return (
         f"GPGGA,{_clock(view)},{_position(state)},{quality},{satellites},{hdop},"
         f"{altitude},M,{_number('%.3f', separation)},M,,"

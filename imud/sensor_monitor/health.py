@@ -22,7 +22,7 @@ devices only.
 
 A specific force that differs from gravity is no evidence of a fault: a hand shakes a sensor with 3 g, an aircraft in a
 steep turn has as much for a minute. Both rotate, or the force changes. A constant force far from gravity for 10 s,
-without rotation, would be an acceleration along a straight line to more than 50 m/s.
+without rotation, would be an acceleration along a straight line to more than 34 m/s.
 """
 
 from __future__ import annotations
@@ -67,10 +67,10 @@ NEIGHBOUR_NOISE_STEPS = 4.0  # the same of a neighbour; an axis of a third of it
 ZERO_SAMPLES = 3  # samples in a row whose specific force is exactly 0
 IMPOSSIBLE_RATIO = 2.0  # a reading beyond so many times the range is impossible
 RANGE_SHARE = 0.999  # a reading from this share of the range on is at its end: scale factors are rounded
-MIN_FORCE_G, MAX_FORCE_G = 0.5, 2.0  # times gravity: a specific force outside is far from gravity
+MIN_FORCE_G, MAX_FORCE_G = 0.65, 1.7  # times gravity; a range wrong by a factor of 2 is beyond them, with its bias
 FAR_S, NEAR_S = 10.0, 1.0  # time far from gravity that is a fault, and near gravity that ends the fault
 STEADY, STEADY_G = 0.25, 0.1  # a constant force changes by less than these shares of itself and of gravity
-TURN_RATE = 0.1  # rad/s of a rotation: more than most gyro biases; an aircraft of 2 g at 170 m/s has as much
+TURN_RATE = 0.1  # rad/s of a rotation: more than most gyro biases; an aircraft of 1.7 g at 135 m/s has as much
 MIN_TEMPERATURE, MAX_TEMPERATURE = -60.0, 130.0  # degC, for MIN_REPEATS samples: one may be a damaged word
 REPORT_NS = 2_000_000_000  # time for which a finding is reported after it was last made
 

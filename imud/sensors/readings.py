@@ -1,6 +1,6 @@
 """What a sensor reports beside samples and fixes. Values only, frozen; unknown is NaN, as in the records."""
 
-from math import nan
+from math import isnan, nan
 from typing import NamedTuple
 
 from imud.drivers.fix import Fix, Sky
@@ -20,6 +20,11 @@ class ReceiverReport(NamedTuple):
     sky: Sky = Sky()
     fix: bytes = b""  # the last one that was used: a row of FIX; empty: there was none
     reported: Fix | None = None  # the same, as the receiver reported it
+
+    @property
+    def height_is_msl(self) -> bool:
+        """Whether the height of its fixes, and so the filter's, is above sea level: it does not report the geoid."""
+        return isnan(self.geoid_sep) and not isnan(self.alt_msl)
 
 
 class ClockFit(NamedTuple):

@@ -53,6 +53,29 @@ def test_rates_in_radians_never_are():
         assert not any("deg/s" in text for text in said), seed
 
 
+def test_slow_turns_show_degrees_within_three_seconds():
+    """Of a hand that also moves: the changes of the force from sample to sample show it after 3.8 s and 2.5 s."""
+    for seed, latest_s in ((1, 2.5), (2, 1.8)):
+        rates, acceleration = wobble(seed, 0.3), wobble(seed + 50, 1.0, 3.0, 12.0)
+        truth = simulate(12.0, 100.0, after(2.0, rates), after(2.0, acceleration), (10.0, 20.0, 0.0))
+        w, f = measure(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3), np.random.default_rng(seed))
+        samples = samples_of(truth.t, w / DEG, f)
+        new_filter("attitude", samples).run(samples, np.zeros(len(samples), SOLUTION))
+        assert np.flatnonzero(samples["flags"] & NO_RATE)[0] < (2.0 + latest_s) * 100.0
+
+
+@pytest.mark.parametrize("seed", [14, 29, 39])
+def test_the_force_at_the_end_of_an_arm_shows_no_degrees(seed):
+    """It turns with the body, and so more slowly than the rates say."""
+    arm, rates = np.random.default_rng(seed).normal(0.0, 0.4, 3), wobble(seed, 8.0, 0.3, 4.0)
+    truth, h = simulate(30.0, 100.0, rates), 1e-4
+    middle = truth.t - 0.005
+    w, change = rates(middle), (rates(middle + h) - rates(middle - h)) / (2.0 * h)
+    samples = samples_of(truth.t, w, truth.f + np.cross(w, np.cross(w, arm)) + np.cross(change, arm))
+    new_filter("attitude", samples).run(samples, np.zeros(len(samples), SOLUTION))
+    assert not (samples["flags"] & NO_RATE).any()
+
+
 @pytest.mark.parametrize("rate_hz", [50.0, 200.0])
 def test_fast_turns_show_degrees_within_half_a_second(rate_hz):
     """Of a hand that turns the sensor and moves it little; a decision after each 1.25 s of turning is later."""

@@ -50,6 +50,12 @@ class RateUnits:
     covariance: float
     expected2: float
     measured2: float
+    axes: Reals
+    sums: Reals
+    force2: float
+    turn: float
+    count: int
+    evidence: float
     degrees: int
 
 

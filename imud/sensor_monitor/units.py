@@ -1,10 +1,19 @@
 """Finds rates in degrees per second instead of radians: the measured gravity rotates more slowly than the rates say.
 
-While a sensor rotates at w, the specific force f of gravity changes at the rate f x w. The regression coefficient k of
-the measured change on this expected change is 1, and 1/57.3 if the rates are in deg/s. Accelerations change the force,
-too, so k has a variance. Rates are in deg/s from when k is significantly near 1/57.3, over up to WINDOW_S of fast
-rates, until it is significantly above: a unit does not change with the motion. Each time the number of fast rates has
-doubled the decision is made, so that great rates show it within a tenth of a second.
+Two tests, of which either is enough; both look at fast rates only. The first is sooner where the body moves much:
+
+- While a sensor rotates at w, the specific force f of gravity changes at the rate f x w. The regression coefficient k
+  of the measured change on this expected change is 1, and 1/57.3 if the rates are in deg/s. Accelerations change the
+  force, too, so k has a variance. It must be significantly near 1/57.3, over up to WINDOW_S of fast rates.
+- The force is rotated into axes that do not turn if the rates are k times too large. Where k is right only
+  accelerations spread it about its mean; gravity stays. The log likelihood ratio of 1/57.3 over both 0 and 2/57.3 must
+  exceed EVIDENCE, and 1 must be worse by SPREAD_RATIO: the force of a centrifuge or at the end of an arm, which turns
+  with the body, is spread by 1, and least by 0; nothing but degrees is spread least by 1/57.3. This test is sooner
+  where the body moves little.
+
+Each time the number of samples has doubled since a window began a decision is made, so that great rates show it within
+a tenth of a second. A unit does not change with the motion: the finding is withdrawn only when gravity stays in the
+axes that the rates as they are make, and in no others.
 """
 
 from __future__ import annotations
@@ -14,27 +23,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imud.drivers import elementary
+
 from ..compile.jit import kernel
+from ..math.earth import STANDARD_GRAVITY
+from ..math.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
 
 if TYPE_CHECKING:
     from .types import RateUnits
 
 DEG = math.pi / 180.0
-WINDOW_S, DECISIONS = 5.0, 4  # time of fast rates over which k is estimated, and how often in it k is tested at least
-FIRST_DECISION = 16  # fast rates
+WINDOW_S, DECISIONS = 5.0, 16  # of either test, and how many decisions are made in it at least
+FIRST_DECISION = 16  # samples
+MAX_FORCE = 2.0 * STANDARD_GRAVITY  # m/s^2, RMS in the second test: gravity is too small a part of a greater one
 MIN_RATE = 2.0  # rad/s of a fast rate; 2 deg/s if the rates are in deg/s
 MAX_RATIO = 2.0  # factor by which k may differ from 1/57.3
-SIGMAS, SIGMAS_OF_RADIANS = 4.0, 6.0  # by which k must differ from 0, and from 1/57.3 to withdraw the finding
+SIGMAS = 4.0  # by which k must differ from 0
+FACTORS = (0.0, DEG, 2.0 * DEG, 1.0)  # k of the second test
+NONE, DEGREES, DOUBLE, RADIANS = 0, 1, 2, 3  # their indices
+INDEPENDENT = 3.0  # 1/s, independent components of an acceleration
+EVIDENCE = 6.0  # log likelihood ratio
+SPREAD_RATIO = 3.0  # of sums of squares
+TURN = 2.0 * math.pi  # rad, that rates must claim before gravity can tell where it stays
 
 RATE_UNITS = np.dtype(
     [
         ("period", "<f8"),  # s
         ("window", "<i8"),  # samples in WINDOW_S
-        ("samples", "<i8"),  # with fast rates, in the present window
+        ("samples", "<i8"),  # with fast rates, in the present window of the first test
         ("force", "<f8", (3,)),  # m/s^2, specific force of the sample before
         ("covariance", "<f8"),  # (m/s^2)^2, sum of the products of measured and expected changes
         ("expected2", "<f8"),  # (m/s^2)^2, sums of their squares
         ("measured2", "<f8"),
+        ("axes", "<f8", (16,)),  # for each of FACTORS the quaternion from the body to axes that do not turn
+        ("sums", "<f8", (12,)),  # m/s^2, and the sum of the force in them
+        ("force2", "<f8"),  # (m/s^2)^2, sum of its squares
+        ("turn", "<f8"),  # rad, that the rates claim in the present window of the second test
+        ("count", "<i8"),  # samples in it; 0: it has not begun
+        ("evidence", "<f8"),  # of the windows before, at least 0
         ("degrees", "<i8"),  # 1: the rates are in deg/s
     ],
     align=True,
@@ -50,12 +76,24 @@ def new_units(rate_hz: float) -> Any:
 
 
 @kernel
+def is_due(u: RateUnits, samples: int) -> bool:
+    """Is it time for a decision?"""
+    doubled = samples >= FIRST_DECISION and samples & (samples - 1) == 0
+    return bool(doubled or samples % (u.window // DECISIONS) == 0)
+
+
+@kernel
 def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     """Whether the rates are in deg/s. Call once for each sample."""
     w, f = sample.w, sample.f
     change = (f[0] - u.force[0], f[1] - u.force[1], f[2] - u.force[2])
     u.force[0], u.force[1], u.force[2] = f[0], f[1], f[2]
-    if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] < MIN_RATE**2:
+    rate2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    is_fast = rate2 >= MIN_RATE**2
+    if (is_fast or u.count > 0) and rate2 + force2 < math.inf:
+        compare_axes(u, w, f, math.sqrt(rate2), force2)
+    if not is_fast or force2 > MAX_FORCE**2:
         return bool(u.degrees == 1)
     expected = (f[1] * w[2] - f[2] * w[1], f[2] * w[0] - f[0] * w[2], f[0] * w[1] - f[1] * w[0])
     covariance = expected2 = measured2 = 0.0
@@ -70,21 +108,75 @@ def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     u.covariance += covariance
     u.expected2 += expected2
     u.measured2 += measured2
-    doubled = u.samples >= FIRST_DECISION and u.samples & (u.samples - 1) == 0
-    if doubled or u.samples % (u.window // DECISIONS) == 0:
-        decide(u)
+    if is_due(u, u.samples):
+        decide_by_changes(u)
     return bool(u.degrees == 1)
 
 
 @kernel
-def decide(u: RateUnits) -> None:
-    """Decide by the sums of the window so far, if they are significant; at its end, begin a new window."""
+def decide_by_changes(u: RateUnits) -> None:
+    """The first test, with the sums of the window so far; at its end, begin a new window."""
     k = u.covariance / u.expected2
     variance = u.measured2 / (3.0 * u.samples * u.expected2)
     if DEG / MAX_RATIO < k < DEG * MAX_RATIO and k * k > SIGMAS**2 * variance:
         u.degrees = 1
-    elif k > 1.0 / MAX_RATIO and (k - DEG) ** 2 > SIGMAS_OF_RADIANS**2 * variance:
-        u.degrees = 0
     if u.samples >= u.window:
         u.samples = 0
         u.covariance = u.expected2 = u.measured2 = 0.0
+
+
+@kernel
+def compare_axes(u: RateUnits, w: Any, f: Any, rate: float, force2: float) -> None:
+    """The second test, one sample."""
+    if u.count == 0:
+        u.turn = u.force2 = 0.0
+        for i in range(16):
+            u.axes[i] = 1.0 if i % 4 == 0 else 0.0
+        for i in range(12):
+            u.sums[i] = 0.0
+    for k in range(4):
+        time = FACTORS[k] * u.period
+        q = (u.axes[4 * k], u.axes[4 * k + 1], u.axes[4 * k + 2], u.axes[4 * k + 3])
+        if k != NONE:
+            q = quat_normalised(quat_product(q, quat_exp(w[0] * time, w[1] * time, w[2] * time)))
+            for i in range(4):
+                u.axes[4 * k + i] = q[i]
+        turned = quat_rotate(q, (f[0], f[1], f[2]))
+        for i in range(3):
+            u.sums[3 * k + i] += turned[i]
+    u.force2 += force2
+    u.turn += rate * u.period
+    u.count += 1
+    if is_due(u, u.count) and u.turn > TURN and u.force2 < MAX_FORCE**2 * u.count:
+        decide_by_axes(u)
+    if u.count >= u.window:
+        u.count = 0
+
+
+@kernel
+def spread(u: RateUnits, k: int) -> float:
+    """The sum of the squared deviations of the force from its mean in the axes of factor k, (m/s^2)^2."""
+    x, y, z = u.sums[3 * k], u.sums[3 * k + 1], u.sums[3 * k + 2]
+    return max(u.force2 - (x * x + y * y + z * z) / u.count, 1e-12 * u.force2)
+
+
+@kernel
+def decide_by_axes(u: RateUnits) -> None:
+    """The second test, with the evidence of the windows before and of the present one so far."""
+    by_none, by_degrees, by_double, by_radians = (
+        spread(u, NONE),
+        spread(u, DEGREES),
+        spread(u, DOUBLE),
+        spread(u, RADIANS),
+    )
+    present = 0.0
+    if by_radians > SPREAD_RATIO * by_degrees:
+        components = INDEPENDENT * u.count * u.period
+        present = 0.5 * components * elementary.log(min(by_none, by_double) / by_degrees)
+        if u.evidence + present > EVIDENCE:
+            u.degrees = 1
+    elif SPREAD_RATIO * by_radians < min(by_none, by_degrees):
+        u.degrees = 0
+        u.evidence = 0.0
+    if u.count >= u.window:
+        u.evidence = max(u.evidence + present, 0.0)

@@ -234,7 +234,7 @@ class Receiver:
             return "sensor: stale, nothing new comes" if now_ns - self.last_data_ns > STALE_FIX_NS else ""
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.last_data_ns <= STALE_FIX_NS
-            fault = "what it says tells no position (GGA, RMC, GNS or GLL)" if talks else "stale, nothing new comes"
+            fault = "tells no position, as GGA, RMC, GNS, GLL or TPV do" if talks else "stale, nothing new comes"
             return f"receiver: {fault}"
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"

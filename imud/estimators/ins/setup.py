@@ -77,7 +77,7 @@ NEVER = {  # records of the core: their times that begin as NEVER_NS
     "barometer": ("last_ns", "last_used_ns", "changed_ns", "fix_ns"),
     "magnetometer": ("last_ns", "since_ns", "contradicted_ns"),
     "odometer": ("last_ns", "last_used_ns", "reading_ns"),
-    "pose": ("last_ns", "last_used_ns", "agreeing_ns"),
+    "pose": ("last_ns", "last_used_ns", "agreeing_ns", "yaw_ns"),
     "external_velocity": ("last_ns", "last_used_ns"),
 }
 

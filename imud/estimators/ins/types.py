@@ -365,6 +365,7 @@ class ExternalAid:
     rejected: int
     distrusted: int
     agreeing_ns: int
+    yaw_ns: int
     used_share: float
     offset_variance: Reals
     last_value: Reals

@@ -123,7 +123,7 @@ def update_offset(p: Parameters, c: Core, i: int, z: float, s: float, dt: float)
 @kernel
 def distrust_poses(c: Core) -> None:
     """The way the vehicle moves contradicts the heading, and poses have a yaw: none is used until that agrees."""
-    if math.isfinite(c.pose.last_value[3]):
+    if c.pose.yaw_ns != NEVER_NS:
         c.pose.distrusted = 1
         c.pose.agreeing_ns = NEVER_NS
 
@@ -153,8 +153,10 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         r = element_sigma(p, m, i) ** 2 + timing + offset
         s = innovation_variance(c, pose_jacobian(c, arm, i)) + r
         used = used and not z * z > p.tuning.pose_gate * s  # what is not known passes
-        if i == 3 and g.distrusted:
-            check_yaw_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
+        if i == 3 and math.isfinite(z):
+            g.yaw_ns = m.t_ns
+            if g.distrusted:
+                check_yaw_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.pose_correlation_s)
     others_of_age, others_of_offset = (

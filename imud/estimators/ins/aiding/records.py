@@ -88,6 +88,7 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
         ("rejected", "<i8"),  # 1: the last one was rejected
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading while the yaws of poses were used
         ("agreeing_ns", "<i8"),  # since when they have agreed again
+        ("yaw_ns", "<i8"),  # epoch of the last pose with a yaw
         ("used_share", "<f8"),  # of the velocities that passed the gate lately
         ("offset_variance", "<f8", (3,)),  # m^2, of a pose: of a lasting error, NED, by its distance when it returned
         ("last_value", "<f8", (4,)),  # its values; NaN before the first

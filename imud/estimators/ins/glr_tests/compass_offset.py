@@ -123,7 +123,7 @@ def is_unconfirmed(c: Core) -> bool:
 @kernel
 def is_measured(c: Core) -> bool:
     """Whether a compass or a pose gave the heading, and motion has not confirmed it yet."""
-    by_pose = math.isfinite(c.pose.last_value[3])
+    by_pose = c.pose.yaw_ns != NEVER_NS
     return bool(is_unconfirmed(c) and (c.heading_aid.boresight_variance > 0.0 or by_pose))
 
 
@@ -193,7 +193,7 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
         possible *= abs(c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT]) if shown else math.inf
     if settled and possible < p.tuning.confirmed_offset:
         g.unconfirmed = 0
-        by_user = c.heading_aid.last_ns == NEVER_NS and not math.isfinite(c.pose.last_value[3])
+        by_user = c.heading_aid.last_ns == NEVER_NS and c.pose.yaw_ns == NEVER_NS
         if by_user:  # nothing brings an offset in later
             close_compass_offset(c)
             return 0.0

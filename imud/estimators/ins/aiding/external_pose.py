@@ -156,7 +156,7 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         if i == 3 and math.isfinite(z):
             g.yaw_ns = m.t_ns
             if g.distrusted:
-                check_yaw_trust(p, c, m.t_ns, z * z < p.tuning.heading_agreement * s)
+                check_yaw_trust(p, c, m.t_ns, not z * z > p.tuning.pose_gate * s)
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.pose_correlation_s)
     others_of_age, others_of_offset = (

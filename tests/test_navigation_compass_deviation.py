@@ -25,6 +25,7 @@ def run(where, seed, deviation, every_s=0.2, gyro_scale=0.0):
     t = rows["t_ns"] * 1e-9 - 100.0
     way = np.cumsum(np.hypot(d.v[:, 0], d.v[:, 1])) * (d.t[1] - d.t[0])
     rows["value"][:, 0] += deviation(t, np.interp(t, d.t, way), rows["value"][:, 0])
+    rows["value"][:, 0] = np.round(rows["value"][:, 0], 9)
     filter_, blocks = new_filter("navigation", samples, settings_of(None, where)), []
     play(filter_, samples, fixes, lambda block: blocks.append(block.copy()), None, lambda innovations: None, rows)
     out = np.concatenate(blocks)
@@ -72,6 +73,18 @@ def test_a_right_compass_does_not_deviate(where, every_s, gyro_scale):
     found, sure_s, sigma = run(where, 43, none, every_s, gyro_scale)
     assert found["opened_variance"] < SIGMA**2
     assert sure_s == 0.0 and sigma < 3.0
+
+
+def test_a_compass_that_repeats_its_reading_does_not_deviate():
+    """It has stopped: its headings are outside the gate, and the yaw stays as well known as before."""
+
+    def stopped(t, way, heading):
+        last = heading[t < 60.0][-1]
+        return np.where(t < 60.0, 0.0, last - heading)
+
+    found, sure_s, sigma = run("city", 43, stopped)
+    assert found["opened_variance"] < np.radians(1.0) ** 2
+    assert sure_s == 0.0 and sigma < 1.0
 
 
 def test_a_jump_is_no_deviation():

@@ -389,6 +389,7 @@ class HeadingAid:
     boresight_variance: float
     boresight_prior: float
     yaw_corrections: float
+    off_ns: int
     last_off: float
     off_changed: float
     gyros_turned: float

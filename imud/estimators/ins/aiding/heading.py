@@ -161,7 +161,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     off = wrap_angle(heading_of(p, c, m) - elementary.atan2(y, x) - rate * ahead_s)
     r = sigma_of(p, m) ** 2
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
-    learn_deviation(p, c, m.t_ns, off + c.heading_aid.boresight, r, rate, timing)
+    learn_deviation(p, c, m, off + c.heading_aid.boresight, r, rate, timing)
     length = yaw_jacobian(c, 0, x, y, z)
     add_heading_turn(p, c, m.t_ns, m.value[0], rate, r)
     others = headings_per_error(p, c, m) - 1.0

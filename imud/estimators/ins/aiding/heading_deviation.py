@@ -11,7 +11,8 @@ and what of u^2 noise and the gyros' biases, scale factors and noise do not expl
 What headings have done to the estimate when less of that was known is opened again: yaw, boresight, and the gyro bias
 about the vertical, which a deviation that changes with the yaw makes wrong.
 
-A heading that jumps by more than noise and the turn since the last one explain is a reflection's: it counts nothing.
+A heading that repeats the last one to the last digit waits for the next. One that jumps by more than noise and the turn
+since the last one explain is a reflection's: it counts nothing.
 
 Source: Mehra, On the identification of variances and adaptive Kalman filtering (1970), for a shared error.
 """
@@ -29,6 +30,7 @@ from ..noise_density import attitude_psd
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_SCALE, NEVER_NS
 
 if TYPE_CHECKING:
+    from ...types import Measurement
     from ..types import Core, Parameters
 
 TUNABLES = (
@@ -75,13 +77,15 @@ def explained_variance(p: Parameters, c: Core, rate: float) -> float:
 
 
 @kernel
-def learn_deviation(p: Parameters, c: Core, t_ns: int, off: float, r: float, rate: float, timing: float) -> None:
+def learn_deviation(p: Parameters, c: Core, m: Measurement, off: float, r: float, rate: float, timing: float) -> None:
     """Learn from a heading that is off the yaw by this, rad, of variance r, and more with the yaw's rate, rad/s."""
     g = c.heading_aid
+    if m.value[0] == g.turn_heading:
+        return  # it repeats the last one: the compass is coarse, or has stopped
     off += g.yaw_corrections  # of the yaw by the gyros alone
-    dt = 1e-9 * (t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
+    dt = 1e-9 * (m.t_ns - g.off_ns) if g.off_ns != NEVER_NS else math.inf
     change = wrap_angle(off - g.last_off)
-    g.last_off = off
+    g.off_ns, g.last_off = m.t_ns, off
     if not 0.0 < dt < p.tuning.deviation_step_s:
         g.off_changed = g.gyros_turned = 0.0
         return

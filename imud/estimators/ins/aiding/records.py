@@ -131,7 +131,8 @@ HEADING_AID = np.dtype(
         ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
         ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
         ("yaw_corrections", "<f8"),  # rad, sum of all corrections of the yaw
-        ("last_off", "<f8"),  # rad, the last heading less the yaw by the gyros alone
+        ("off_ns", "<i8"),  # epoch of the last heading that did not repeat the one before
+        ("last_off", "<f8"),  # rad, that heading less the yaw by the gyros alone
         ("off_changed", "<f8"),  # rad, by how much that has changed lately
         ("gyros_turned", "<f8"),  # rad, by how much they have turned meanwhile
         ("expected_variance", "<f8"),  # rad^2, of off_changed without a deviation

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from processes import TIMEOUT_S, daemon, emulator
 
 from imud.commands import status
+from imud.commands.status import screen
 from imud.commands.status.metrics import METRICS, prometheus
-from imud.commands.status.screen import innovations
 from imud.daemon.sigma_shares import SigmaShares
 from imud.daemon.status_tables import InnovationStatistics, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
@@ -151,10 +151,10 @@ def test_metric_names_are_as_prometheus_wants_them():
 def test_the_screen_says_what_the_yaw_counts_from_and_how_old_the_estimate_is(heading, syaw_deg, yaw):
     table = {"estimator": "navigation", "state": "attitude,height", "flags": {"heading": heading}, "age_s": 0.1}
     table |= {"roll_deg": 1.0, "pitch_deg": 2.0, "yaw_deg": -30.0, "sroll_deg": 0.5, "spitch_deg": 0.25}
-    rows = dict(status._filter(table | {"syaw_deg": syaw_deg}))
+    rows = dict(screen._filter(table | {"syaw_deg": syaw_deg}))
     assert rows["filter"] == "navigation: attitude, height"
     assert rows["attitude"] == f"roll +1.00 ±0.50°, pitch +2.00 ±0.25°, {yaw}"
-    rows = dict(status._filter(table | {"age_s": 75.2}))
+    rows = dict(screen._filter(table | {"age_s": 75.2}))
     assert rows["filter"] == "navigation: no sample for 1 min 15 s; before: attitude, height"
 
 
@@ -250,8 +250,11 @@ def test_a_sources_share_is_of_the_reductions_of_a_minute():
 
 def test_innovations_without_a_value_have_no_ratio_to_show():
     refused, judged = {"used": 0, "rejected": 109}, {"used": 7, "rejected": 1, "ratio": 0.96}
-    assert innovations({"north": refused}) == ["0 used, 109 rejected"]
-    assert innovations({"north": refused, "east": judged}) == ["east 0.96", "ratio 1 is right; 7 used, 110 rejected"]
+    assert screen.innovations({"north": refused}) == ["0 used, 109 rejected"]
+    assert screen.innovations({"north": refused, "east": judged}) == [
+        "east 0.96",
+        "ratio 1 is right; 7 used, 110 rejected",
+    ]
 
 
 def test_what_the_filter_has_found_stands_in_one_row_with_its_sigma():
@@ -259,19 +262,19 @@ def test_what_the_filter_has_found_stands_in_one_row_with_its_sigma():
     found |= {"mount_pitch_deg": -0.31, "smount_pitch_deg": 0.2, "mount_yaw_deg": 12.34, "smount_yaw_deg": 0.46}
     found |= {f"gnss_bias_{axis}_m": 1.0 for axis in "ned"} | {f"sgnss_bias_{axis}_m": 0.6 for axis in "ned"}
     text = "fixes late by +0.153 ±0.012 s, pitch, yaw of the vehicle -0.31 +12.34 ±0.46°"
-    assert list(status._states(found)) == [("found", text)]
+    assert list(screen._states(found)) == [("found", text)]
     found["time_offset_s"] = -0.158
-    assert list(status._states(found)) == [("found", text.replace("late by +0.153", "early by +0.158"))]
+    assert list(screen._states(found)) == [("found", text.replace("late by +0.153", "early by +0.158"))]
     found = dict.fromkeys([state.column for state in STATES], 100.0)
     found |= {f"s{name}": 1.0 for name in found}
-    lines = list(status._states(found))
+    lines = list(screen._states(found))
     assert len(lines) == 3 and all(len(line) <= 100 for _, line in lines)
-    assert not list(status._states({})) and not list(status._states({"gnss_noise_vertical_m": 1.0}))
+    assert not list(screen._states({})) and not list(screen._states({"gnss_noise_vertical_m": 1.0}))
 
 
 def test_a_source_is_early_or_late():
-    assert list(status._estimates({"late_s": -0.3})) == ["  found: early by 0.30 s"]
-    assert list(status._estimates({"late_s": 0.3})) == ["  found: late by 0.30 s"]
+    assert list(screen._estimates({"late_s": -0.3})) == ["  found: early by 0.30 s"]
+    assert list(screen._estimates({"late_s": 0.3})) == ["  found: late by 0.30 s"]
 
 
 @contextlib.contextmanager
@@ -315,11 +318,11 @@ def test_without_a_daemon_the_command_says_how_to_start_one(tmp_path):
 
 
 def test_one_is_counted_in_the_singular():
-    counted = status._counted({"frames": 1, "lost": 1, "errors": 2}, ("frames", "lost", "errors"))
+    counted = screen._counted({"frames": 1, "lost": 1, "errors": 2}, ("frames", "lost", "errors"))
     assert counted == "1 frame, 1 lost, 2 errors"
 
 
 def test_reasons_of_refused_fixes_are_not_taken_for_settings():
     """`gnss.age` is none: a fix whose age is not known is refused by no setting."""
-    counted = status._counted({"used": 7, "refused": {"unknown age": 1, "max_hdop": 2}}, ("used",))
+    counted = screen._counted({"used": 7, "refused": {"unknown age": 1, "max_hdop": 2}}, ("used",))
     assert counted == "7 used, 1 refused for unknown age, 2 refused for max_hdop"

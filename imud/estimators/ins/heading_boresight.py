@@ -104,6 +104,14 @@ def widen_boresight(c: Core, v: float, d: float, variance: float) -> None:
 
 
 @kernel
+def add_boresight_variance(c: Core, variance: float) -> None:
+    """While headings are used: the boresight is known less well by this variance, rad^2."""
+    g = c.heading_aid
+    if g.boresight_variance > 0.0:
+        g.boresight_variance += variance
+
+
+@kernel
 def widen_unused_boresight(p: Parameters, c: Core) -> None:
     """No heading has been used, so that nothing is correlated with the boresight: nothing is known of it."""
     c.heading_aid.boresight_variance += widen_boresight_prior(p, c)

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian3
+from ..heading_boresight import add_boresight_variance
 from ..mechanization import ned_to_body, wrap_angle
 from ..noise_density import attitude_psd
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_SCALE, NEVER_NS
@@ -104,6 +105,12 @@ def learn_deviation(p: Parameters, c: Core, m: Measurement, off: float, r: float
 
 
 @kernel
+def forget_opening(c: Core) -> None:
+    """The heading is anew that of a compass: it has all of its deviation."""
+    c.heading_aid.opened_variance = 0.0
+
+
+@kernel
 def open_deviation(p: Parameters, c: Core) -> None:
     """A larger deviation has shown: what was learned from the headings without it is known no better than it allows."""
     g = c.heading_aid
@@ -114,8 +121,7 @@ def open_deviation(p: Parameters, c: Core) -> None:
     if g.distrusted:
         return  # its headings are not used
     add_variance(c, ATTITUDE + 2, added)
-    if g.boresight_variance > 0.0:
-        g.boresight_variance += added
+    add_boresight_variance(c, added)
     down, of_rate = ned_to_body(c, (0.0, 0.0, 1.0)), added / p.tuning.deviation_time_s**2
     for i in range(3):
         for k in range(i, 3):

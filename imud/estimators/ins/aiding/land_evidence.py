@@ -235,6 +235,12 @@ def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
 
 
 @kernel
+def set_log_likelihood(c: Core, ratio: float) -> None:
+    """Set the log likelihood ratio of a land vehicle, which another test has found."""
+    c.land_evidence.log_likelihood = ratio
+
+
+@kernel
 def shows_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of a land vehicle."""
     if heaves(c) or coordinates_turns(p, c, 1.0):

@@ -21,7 +21,7 @@ from ...records import NHC_LATERAL, NHC_VERTICAL
 from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, pseudo_measurement
-from ..glr_tests.current import judge_current, open_current, remove_current
+from ..glr_tests.current import close_current, judge_current, open_current, remove_current
 from ..mechanization import quaternion
 from ..state import (
     ACCEL_BIAS,
@@ -39,7 +39,7 @@ from ..state import (
 )
 from ..vehicle_axes import forward_axis, lateral_axis, set_vehicle_axes, vertical_axis
 from .forward_axis_search import clear_scatter
-from .land_evidence import add_heave, current_variance, refutes_land_vehicle, slip_variance
+from .land_evidence import add_heave, current_variance, refutes_land_vehicle, set_log_likelihood, slip_variance
 from .nhc_noise import add_innovation, clear_innovation_sums, learn_noise_scale, reset_noise_scale
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def enable_nhc(p: Parameters, c: Core) -> None:
 def reset_nhc(c: Core) -> None:
     """Disable the constraint and clear the scatter matrices."""
     c.nhc.enabled = 0
-    c.current.heading_variance = 0.0
+    close_current(c)
     clear_scatter(c)
 
 
@@ -168,7 +168,6 @@ def disable_nhc(p: Parameters, c: Core, along: float) -> None:
     h = c.nhc
     remove_current(c, current_variance(p, along * along))
     correct_state(p, c)
-    c.current.heading_variance = 0.0
     add_variance(c, ATTITUDE + 2, h.noise_scale[0] * (p.tuning.nhc_sigma / along) ** 2)
     for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GYRO_SCALE, GYRO_SCALE + 3, GYRO_SCALE + 6):
         for i in range(first, first + 3):
@@ -245,9 +244,7 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     add_innovation(c, 1, value, s)
     correct_state(p, c)
     if p.vehicle == AUTO:
-        c.land_evidence.log_likelihood = judge_current(
-            c, slip_variance(p, along * along), current_variance(p, along * along)
-        )
+        set_log_likelihood(c, judge_current(c, slip_variance(p, along * along), current_variance(p, along * along)))
     if p.vehicle != LAND and (leans(p, c, q) or refutes_land_vehicle(p, c)):
         disable_nhc(p, c, along)
         return

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..aiding.heading_deviation import forget_opening
 from ..ekf import variance
 from ..heading_boresight import widen_boresight, widen_boresight_prior
 from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS, STATES
@@ -97,7 +98,7 @@ def open_compass_offset(c: Core, given: bool) -> None:
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
     g.boresight_sensitivity = 1.0
     if given:
-        c.heading_aid.opened_variance = 0.0  # the heading has all of a compass's deviation
+        forget_opening(c)
 
 
 @kernel

@@ -103,3 +103,10 @@ def remove_current(c: Core, current2: float) -> None:
     """Gather in scratch.x what the most likely current has done, and add its covariance to P."""
     found = current_posterior(c, current2)
     remove_drift(c, CURRENT_FAULT, (found[0], found[1]), found[2], found[3], found[4])
+    close_current(c)
+
+
+@kernel
+def close_current(c: Core) -> None:
+    """The constraint is disabled: a current does nothing to the estimate from now on."""
+    c.current.heading_variance = 0.0

@@ -112,6 +112,12 @@ def add_boresight_variance(c: Core, variance: float) -> None:
 
 
 @kernel
+def set_opened_variance(c: Core, variance: float) -> None:
+    """So much of the headings' deviation, rad^2, P has; none when the heading is anew that of a compass."""
+    c.heading_aid.opened_variance = variance
+
+
+@kernel
 def widen_unused_boresight(p: Parameters, c: Core) -> None:
     """No heading has been used, so that nothing is correlated with the boresight: nothing is known of it."""
     c.heading_aid.boresight_variance += widen_boresight_prior(p, c)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian3
-from ..heading_boresight import add_boresight_variance
+from ..heading_boresight import add_boresight_variance, set_opened_variance
 from ..mechanization import ned_to_body, wrap_angle
 from ..noise_density import attitude_psd
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_SCALE, NEVER_NS
@@ -105,19 +105,13 @@ def learn_deviation(p: Parameters, c: Core, m: Measurement, off: float, r: float
 
 
 @kernel
-def forget_opening(c: Core) -> None:
-    """The heading is anew that of a compass: it has all of its deviation."""
-    c.heading_aid.opened_variance = 0.0
-
-
-@kernel
 def open_deviation(p: Parameters, c: Core) -> None:
     """A larger deviation has shown: what was learned from the headings without it is known no better than it allows."""
     g = c.heading_aid
     added = g.deviation_variance - g.opened_variance
     if added <= 0.0:
         return
-    g.opened_variance += added
+    set_opened_variance(c, g.deviation_variance)
     if g.distrusted:
         return  # its headings are not used
     add_variance(c, ATTITUDE + 2, added)

@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..aiding.heading_deviation import forget_opening
 from ..ekf import variance
-from ..heading_boresight import widen_boresight, widen_boresight_prior
+from ..heading_boresight import set_opened_variance, widen_boresight, widen_boresight_prior
 from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS, STATES
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
@@ -98,7 +97,7 @@ def open_compass_offset(c: Core, given: bool) -> None:
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
     g.boresight_sensitivity = 1.0
     if given:
-        forget_opening(c)
+        set_opened_variance(c, 0.0)
 
 
 @kernel

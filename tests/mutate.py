@@ -35,6 +35,8 @@ NOT_NOTICED = {
     "attitude.min_rate_across_gravity": BETWEEN + "angle of a steady turn to gravity",
     "attitude.min_whiteness": BETWEEN + "whiteness of a block at rest",
     "navigation.confirmed_residual": BETWEEN + "mean NIS of fixes with a right and with a wrong heading",
+    "navigation.deviation_step_s": BETWEEN + "time from one heading to the next",
+    "navigation.pose_gate": BETWEEN + "NIS of a right and of a wrong pose",
     "navigation.pose_offset_s": BETWEEN + "distance at which rejected poses return",
     "navigation.pose_return_gate": BETWEEN + "distance at which rejected poses return",
     "navigation.odometer_return": BETWEEN + "distance at which a faulty odometer returns",

@@ -73,6 +73,16 @@ def compass_near_iron():
 
 
 @golden("navigation")
+def compass_that_stops():
+    """It repeats its last heading for twenty seconds of a drive."""
+    d = road(80.0, rest=15.0)
+    rows = headings(d, seed=59)
+    stopped = np.abs(rows["t_ns"] * 1e-9 - 150.0) < 10.0
+    rows["value"][stopped, 0] = rows["value"][stopped, 0][0]
+    return replace(navigated(*data(d, seed=60)), measurements=rows)
+
+
+@golden("navigation")
 def compass_mounted_wrong():
     """It is estimated as a boresight."""
     return mounted_wrong()

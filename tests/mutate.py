@@ -39,6 +39,7 @@ NOT_NOTICED = {
     "navigation.pose_gate": BETWEEN + "NIS of a right and of a wrong pose",
     "navigation.pose_offset_s": BETWEEN + "distance at which rejected poses return",
     "navigation.pose_return_gate": BETWEEN + "distance at which rejected poses return",
+    "navigation.heave_time_s": "of the boats in the recordings a current is found before their heave",
     "navigation.odometer_return": BETWEEN + "distance at which a faulty odometer returns",
     "navigation.odometer_max_inflation_s": BETWEEN + "time for which an odometer is rejected",
     "navigation.odometer_repetitions": BETWEEN + "longest repetition of a coarse reading",

@@ -32,7 +32,7 @@ from ..lever_arm import attitude_row
 from ..mechanization import body_to_ned, ned_difference, wrap_angle
 from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS, OTHER_AXIS, POSITION
 from .external_aid import is_new, others_of_error, time_since_last
-from .heading import yaw_jacobian
+from .heading import agreeing_since, yaw_jacobian
 
 if TYPE_CHECKING:
     from ....math.rotation import Vector
@@ -132,9 +132,8 @@ def distrust_poses(c: Core) -> None:
 def check_yaw_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
     """Trust poses again after a time in which their yaws agree."""
     g = c.pose
-    if not agrees or g.agreeing_ns == NEVER_NS:
-        g.agreeing_ns = t_ns if agrees else NEVER_NS
-    elif 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
+    g.agreeing_ns = agreeing_since(g.agreeing_ns, t_ns, agrees)
+    if agrees and 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
         g.distrusted = 0
 
 

@@ -129,12 +129,19 @@ def check_turns(p: Parameters, c: Core) -> bool:
 
 
 @kernel
+def agreeing_since(since_ns: int, t_ns: int, agrees: bool) -> int:
+    """Since when a source has agreed, ns, with what it says at t_ns; NEVER_NS: it does not. since_ns: before that."""
+    if not agrees:
+        return NEVER_NS
+    return t_ns if since_ns == NEVER_NS else since_ns
+
+
+@kernel
 def check_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
     """Trust a compass again after a time of agreement."""
     g = c.heading_aid
-    if not agrees or g.agreeing_ns == NEVER_NS:
-        g.agreeing_ns = t_ns if agrees else NEVER_NS
-    elif 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
+    g.agreeing_ns = agreeing_since(g.agreeing_ns, t_ns, agrees)
+    if agrees and 1e-9 * (t_ns - g.agreeing_ns) > p.tuning.heading_trust_s:
         g.distrusted = 0
 
 

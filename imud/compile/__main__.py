@@ -64,10 +64,11 @@ def main() -> int:
 
 def _compile_levels(kernels: str, library: Path, target: str | None) -> None:
     """Compile the kernels for each level of processors to one library. Raises CannotBuildError, OSError."""
-    sources = []
+    sources, options = {}, levels.options(target)
     for level, text in levels.files(kernels).items():
-        sources.append(library.with_name(f"{library.name}{level}.c"))
-        sources[-1].write_text(text)
+        source = library.with_name(f"{library.name}{level}.c")
+        source.write_text(text)
+        sources[source] = options[level]
     compile_library(sources, library, target)
     for source in sources:
         source.unlink()

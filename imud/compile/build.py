@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 FLAGS = (
@@ -58,11 +58,11 @@ def compile_c(
     _run([[*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"]])
 
 
-def compile_library(sources: Sequence[Path], output: Path, target: str | None = None) -> None:
-    """Compile files of C, all at the same time, to one shared library. Raises as `compile_c`."""
+def compile_library(sources: Mapping[Path, Sequence[str]], output: Path, target: str | None = None) -> None:
+    """Compile files of C, each with more options, at the same time to one shared library. Raises as `compile_c`."""
     command = [*compiler(target), *FLAGS]
     objects = {source: source.with_suffix(".o") for source in sources}
-    _run([[*command, "-fPIC", "-c", "-o", str(made), str(source)] for source, made in objects.items()])
+    _run([[*command, *sources[file], "-fPIC", "-c", "-o", str(made), str(file)] for file, made in objects.items()])
     _run([[*command, *_LIBRARY, "-o", str(output), *map(str, objects.values()), "-lm"]])
     for made in objects.values():
         made.unlink()

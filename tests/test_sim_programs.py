@@ -63,7 +63,8 @@ def test_each_sends_what_the_daemon_decodes(name):
     for message in said(name, 5.0, ideal=False)[1]:
         now_ns = round(1e9 * (message["t"] + 0.02))
         [(source, rows)] = DatagramDecoder().decode(json.dumps(message).encode(), known, 10**12, now_ns)
-        assert source.name == ("odometer" if name == "wheels" else name) and rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
+        assert source.name == ("odometer" if name == "wheels" else name)
+        assert rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

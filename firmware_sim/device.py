@@ -6,7 +6,7 @@ from .uart import Uart
 
 RECEIVERS = ("nmea", "ubx", "m8")  # as `imud sim` calls them
 OTHERS = ("wheel", "baro", "compass")  # sensors beside them
-PROGRAMS = ("pose", "velocity", "body_velocity")  # programs of other systems, which send datagrams
+PROGRAMS = ("pose", "velocity", "body_velocity", "wheels")  # programs, which send datagrams
 POLLED = ("bmp280", "ak8975")  # the same behind the kernel, as `iio_polled` has them; the rest are inertial sensors
 
 

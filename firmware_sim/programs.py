@@ -1,4 +1,4 @@
-"""Programs of other systems that send measurements by datagrams: poses and velocities of lidar, cameras or tags.
+"""Programs that send measurements by datagrams: poses and velocities of lidar, cameras or tags, two wheels of an axle.
 
 Each sends one line of JSON at a fixed rate, of the true motion at that instant, with errors of its own and its faults.
 """
@@ -22,6 +22,7 @@ from .motion import Trajectory, Truth, rotation
 _RATE_HZ = 10.0
 _LASTS_S = 1.0  # errors: one view, one error
 _DEG_PER_M = 1.0 / 111_320.0
+TRACK_M = 1.5  # between the two wheels
 
 _log = logging.getLogger("firmware_sim")
 
@@ -36,6 +37,12 @@ def _velocity(truth: Truth) -> Array:
 
 def _body_velocity(truth: Truth) -> Array:
     return np.asarray(truth.v_n[0] @ rotation(truth.rpy)[0])
+
+
+def _axle(truth: Truth) -> Array:
+    """Speeds of the left and the right wheel; in a turn to the right the left one is faster."""
+    mean, turn = _body_velocity(truth)[0], 0.5 * TRACK_M * truth.w_ib_b[0, 2]
+    return np.array([mean + turn, mean - turn])
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,18 @@ _BODY_VELOCITY = replace(
     values=_body_velocity,
     stated={"svx": 0.1, "svy": 0.1, "svz": 0.1},
 )
-KINDS = {"pose": _POSE, "velocity": _VELOCITY, "body_velocity": _BODY_VELOCITY}
+_WHEELS = Kind(
+    message="ODO",
+    fields=("left", "right"),
+    values=_axle,
+    sigma=(0.01,) * 2,
+    unit=(1.0,) * 2,
+    scale=1.015,
+    shifted=0,
+    scaled=(0, 1),
+    stated={"sigma": 0.05},
+)
+KINDS = {"pose": _POSE, "velocity": _VELOCITY, "body_velocity": _BODY_VELOCITY, "wheels": _WHEELS}
 
 
 class Program:

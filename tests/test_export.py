@@ -26,13 +26,14 @@ from imud.commands import export, main
 from imud.drivers.capture_messages import READS, Connection
 from imud.drivers.sample import SAMPLE
 from imud.errors import BadDataError, UsageError
-from imud.estimators.records import FIX, HEIGHT_VALID, POSITION_VALID, SOLUTION
+from imud.estimators import registry
+from imud.estimators.records import FIX, HEIGHT_VALID, MEASUREMENT, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 from imud.progress import Progress
 from imud.recording import tracks
 from imud.recording.file import RecordingFile
-from imud.tables.inputs import read_imu
+from imud.tables.inputs import read_aiding, read_imu
 
 SECOND = 1_000_000_000
 
@@ -103,6 +104,67 @@ def test_parquet_files_have_the_numbers_of_the_csv_files(tmp_path, monkeypatch, 
     assert fixes["height_m"].to_list() == [592.3] * 4 and fixes["arrival_s"].to_list() == [1.5, 2.0, 3.0, 4.0]
     assert fixes["vn_mps"].null_count() == 4 and fixes["quality"].dtype == polars.Int32
     assert not (tmp_path / "boat" / "est.parquet").exists()
+
+
+def of_sources():
+    """(name, row of MEASUREMENT) of some sources, each by itself 0.3 s late, and their sigmas partly unknown."""
+    said = {
+        "heading": {"heading_deg": 123.4, "sigma_deg": 0.3},
+        "odometer": {"left_mps": 0.011, "right_mps": -0.012},
+        "barometer": {"pressure_pa": 100_900.0},
+        "pose": {"lat_deg": 35.0, "lon_deg": 139.0, "sn_m": 0.7},
+    }
+    rows = []
+    for k, (name, values) in enumerate(4 * list(said.items())):
+        row = np.zeros(1, MEASUREMENT)
+        source = next(source for source in registry.by_name("navigation").sources if source.name == name)
+        source.fill(row[0], values)
+        row["t_ns"] = 108_000_000_001 + k * 400_000_000
+        row["arrival_ns"] = row["t_ns"] + 300_000_000
+        rows.append((name, row[0]))
+    return rows
+
+
+def test_a_replay_of_the_exported_tables_fuses_the_same_measurements(tmp_path):
+    """So that a recording of any source can be worked on elsewhere."""
+    recording, folder, rows = tmp_path / "still.mcap", tmp_path / "csv", of_sources()
+    record(recording, REST, 14.0, settings=b'{"estimator": "navigation"}', aiding=rows)
+    folder.mkdir()
+    (folder / "velocity.csv").write_text("of an earlier export")
+    assert exported(recording, csv=folder, parquet=tmp_path / "parquet") == 0
+    tables = sorted({name for name, _ in rows})
+    assert {path.stem for path in folder.iterdir()} == {"imu", "gnss", "est", "states", *tables}
+    for source in registry.by_name("navigation").sources:
+        if source.name in tables:
+            read = read_aiding(source, folder / f"{source.name}.csv", 0)
+            wanted = np.array([row for name, row in rows if name == source.name])
+            assert (read["t_ns"] == wanted["t_ns"]).all() and (read["arrival_ns"] == wanted["arrival_ns"]).all()
+            for target in ("value", "sigma"):
+                np.testing.assert_allclose(read[target], wanted[target], rtol=1e-15)
+            theirs = polars.read_parquet(tmp_path / "parquet" / f"{source.name}.parquet")
+            assert len(theirs) == 4 and theirs.columns[:2] == ["t_s", "arrival_s"]
+    est, inn = tmp_path / "est.csv", [tmp_path / "of_recording.csv", tmp_path / "of_tables.csv"]
+    assert main(["replay", str(recording), "-o", str(est), "--innovations", str(inn[0])]) == 0
+    aiding = [option for name in tables for option in ("--aiding", f"{name}={folder / name}.csv")]
+    command = [
+        "replay",
+        "--imu",
+        str(folder / "imu.csv"),
+        *aiding,
+        "--estimator",
+        "navigation",
+        "--set",
+        "imu.profile=m-g350",
+        "-o",
+        str(est),
+    ]
+    assert main([*command, "--innovations", str(inn[1])]) == 0
+    found = [polars.read_csv(path) for path in inn]
+    assert {"yaw_rad", "pose_pn_m", "pose_pe_m"} <= {*found[0]["kind"]}
+    for column in ("t_s", "kind", "used"):
+        assert found[0][column].to_list() == found[1][column].to_list()
+    values = [each["value"].cast(polars.Float64).to_numpy() for each in found]
+    np.testing.assert_allclose(*values, atol=1e-6)
 
 
 START_NS = 1_700_000_000_123_000_000  # Unix time of time 0

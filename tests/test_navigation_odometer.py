@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 from navigation_simulation import drive, errors, received, sensed
+from scipy.spatial.transform import Rotation
 from test_navigation_aiding import estimated
+from vehicle_simulation import FREE, vehicle
 
-from imud.estimators.records import COASTING, MEASUREMENT, ODOMETER, ODOMETER_SOURCE, REJECTING
+from imud.batch import play
+from imud.configuration.settings import Initial, Navigation, Settings
+from imud.estimators import registry
+from imud.estimators.records import COASTING, HEADING_VALID, MEASUREMENT, ODOMETER, ODOMETER_SOURCE, REJECTING
+from imud.pipeline import Filter
 
 SIGMA = 0.05
 
@@ -143,6 +149,38 @@ def test_a_drift_across_a_straight_road_is_found_within_15_s(speed, side):
     errors_m, sigma = np.hypot(*errors(d, out)[0][:, :2].T), np.hypot(*out["sigma_p"][:, :2].T)
     assert (errors_m < 4.0 * sigma)[d.t > 115.0].all()
     assert errors_m[-1] < 20.0  # the receiver is 65 m away
+
+
+@pytest.mark.parametrize(("where", "deg", "seed"), [("drone", 10.0, 52), ("walk", 20.0, 52), ("city", 45.0, 51)])
+def test_a_sensor_that_is_turned_in_the_vehicle_is_not_believed_to_be_straight(where, deg, seed):
+    """The axis of the odometer is then another one than x of the body: its yaw was taken for the heading's error."""
+    rng = np.random.default_rng(seed)
+    d, mount = vehicle(where, seed), Rotation.from_euler("z", -deg, degrees=True)
+    samples = sensed(d, rng, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02), mount=mount)
+    fixes = without(without(received(d, rng, late=0.1, sigma=1.2), 35.0, 50.0), 110.0, 130.0)
+    settings = Settings(navigation=Navigation(vehicle="free" if where in FREE else "auto"))
+    out, innovations = estimated(samples, fixes, readings(d, np.random.default_rng(seed)), settings)
+    position, velocity, attitude = errors(d, out, mount)
+    known = out["status"] & HEADING_VALID != 0
+    for error, sigma, large in (
+        (position[:, :2], out["sigma_p"][:, :2], 5.0),
+        (velocity[:, :2], out["sigma_v"][:, :2], 1.0),
+        (attitude[:, 2:], out["sigma_rpy"][:, 2:], np.radians(3.0)),
+    ):
+        assert not ((np.abs(error) > 4.0 * sigma) & (np.abs(error) > large))[known].any()
+    late = innovations["t_ns"] > 150e9
+    assert late.any() and innovations["used"][late].mean() > 0.95
+
+
+def test_across_the_body_a_reading_is_not_used_and_that_is_said():
+    """No direction can be told from it; what is wrong then is most likely the mounting."""
+    d, rng = vehicle("walk", 51, 60.0), np.random.default_rng(51)
+    samples = sensed(d, rng, mount=Rotation.from_euler("z", -90.0, degrees=True))
+    settings = Settings(navigation=Navigation(vehicle="free"))
+    filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
+    play(filter_, samples, received(d, rng), lambda _: None, None, lambda _: None, readings(d, rng))
+    found = filter_.estimator.source_estimates(filter_.state)[ODOMETER_SOURCE]
+    assert "imu.mount_rpy_deg" in found["finding"]
 
 
 def test_a_wrong_odometer_does_not_cost_the_receiver():

@@ -370,3 +370,12 @@ def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
     said = re.findall(r"\[(\w+) *\] recorded (\d+) bytes +port=(\S+)", log)
     data, _ = _bytes(path, "imu")
     assert said == [("info", str(len(data)), str(port)), ("warning", "0", str(absent))]
+
+
+def test_record_has_the_measurements_of_other_programs_too(tmp_path):
+    path = tmp_path / "raw.mcap"
+    done = command("record", "sim:rest", "sim:rest:velocity", "-o", path, "--seconds", "4")
+    assert done.returncode == 0, done.stderr
+    said = [json.loads(entry.data) for entry in Capture(path) if entry.topic == "/aiding"]
+    assert len(said) > 10 and {message["source"] for message in said} == {"velocity"}
+    assert len(reads_of(path)) > 10 and "measurements come: velocity" in done.stderr

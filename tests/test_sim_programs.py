@@ -16,7 +16,7 @@ from imud.firmware_sim.device import PROGRAMS
 from imud.firmware_sim.faults import spec
 from imud.firmware_sim.faults.wire import Wire
 from imud.firmware_sim.motion import Trajectory, rotation
-from imud.firmware_sim.programs import KINDS, Program
+from imud.firmware_sim.programs import KINDS, TRACK_M, Program
 from imud.firmware_sim.scenarios import SCENARIOS
 from imud.sensors.aiding import DatagramDecoder
 
@@ -49,6 +49,12 @@ def test_ideal_ones_say_the_true_motion():
     forward = np.einsum("ni,ni->n", truth.v_n, rotation(truth.rpy)[:, :, 0])
     np.testing.assert_allclose(column(relative, "vx"), forward, atol=1e-8)
     assert forward.max() > 5.0
+    _, wheels = said("wheels", 40.0)
+    left, right = column(wheels, "left"), column(wheels, "right")
+    np.testing.assert_allclose(0.5 * (left + right), forward, atol=1e-8)
+    turned = np.sum((left - right) / TRACK_M) / 10.0
+    assert abs(turned) > 1.0  # rad
+    np.testing.assert_allclose(turned, np.unwrap(truth.rpy[:, 2])[-1] - truth.rpy[0, 2], atol=0.03)
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -57,7 +63,8 @@ def test_each_sends_what_the_daemon_decodes(name):
     for message in said(name, 5.0, ideal=False)[1]:
         now_ns = round(1e9 * (message["t"] + 0.02))
         [(source, rows)] = DatagramDecoder().decode(json.dumps(message).encode(), known, 10**12, now_ns)
-        assert source.name == name and rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
+        assert source.name == ("odometer" if name == "wheels" else name)
+        assert rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

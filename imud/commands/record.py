@@ -1,4 +1,4 @@
-"""`imud record`: writes the bytes that ports receive to a file, with their arrival times, for `imud replay`."""
+"""`imud record`: writes what ports, and other programs on `aiding.listen`, send to a file for `imud replay`."""
 
 import argparse
 import contextlib
@@ -8,14 +8,18 @@ import time
 from collections import Counter
 
 import msgspec
+import numpy as np
 
 from imud.drivers.driver import AnyDriver, GnssConfigured, Identity
 from imud.drivers.errors import PortEndedError, PortLostError
 
 from ..configuration.settings import Settings
 from ..daemon import simulated
+from ..daemon.aiding_input import AidingInput
 from ..daemon.ports import Configured, Port
-from ..errors import ImudError, UsageError
+from ..errors import ImudError
+from ..estimators import registry
+from ..estimators.records import INNOVATION
 from ..process import log
 from ..process.log import get_logger
 from ..process.signals import caught, endings
@@ -50,6 +54,10 @@ class RecordLoop:
         self._buffer = memoryview(bytearray(READ_BYTES))
         self._ended = False
         self._pulse = choices.pulse(settings)
+        self._aiding: AidingInput | None = None
+        if settings.aiding.listen or settings.aiding.iio:
+            self._aiding = AidingInput(settings, self._poll)
+            self._sources = registry.by_name("navigation").sources  # the estimator that takes them all
         self._ports = [Port(spec, options, self, wait=wait) for spec, options in choices.ports(settings)]
 
     def run(self, seconds: float) -> None:
@@ -64,11 +72,17 @@ class RecordLoop:
                         os.read(fd, 64)
                     elif fd in self._by_fd:
                         self._read(self._by_fd[fd])
+                    elif self._aiding is not None and fd in self._aiding:
+                        self._record_measurements(self._aiding)
                 now_s = time.monotonic()
+                if self._aiding is not None:
+                    self._aiding.tick(time.monotonic_ns())
                 for port in self._ports:
                     port.on_time(now_s)
                 for level, text in self._recorder.tick():
                     getattr(self._log, level)(text)
+        if self._aiding is not None:
+            self._aiding.close()
         for port in self._ports:
             port.close()
             say = self._log.info if self._recorded[port] else self._log.warning
@@ -92,6 +106,10 @@ class RecordLoop:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
                 self._recorded[port] += received
                 byte_sink(self._buffer[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
+
+    def _record_measurements(self, aiding: AidingInput) -> None:
+        for source, measurement in aiding.measurements(self._sources):
+            self._recorder.record_measurement(source.name, measurement, np.zeros(0, INNOVATION))
 
     def watch(self, port: Port, fd: int) -> None:
         """See `ports.PortOwner`."""
@@ -127,13 +145,11 @@ def _calibration_of(identity: Identity) -> calibration.Calibration | None:
 def run(args: argparse.Namespace) -> int:
     settings = config.load(args.config, args.set)
     with contextlib.ExitStack() as stack:
-        if names := simulated.without_port(args.ports):
-            raise UsageError(f"{', '.join(names)}: not read byte by byte; record it with `imud run --record`")
-        ports = stack.enter_context(simulated.emulated(args.ports, seed=1)).ports
+        settings = msgspec.structs.replace(settings, ports=tuple(args.ports))
+        emulated = stack.enter_context(simulated.emulated(settings.ports, seed=1, listen=settings.aiding.listen))
+        settings = simulated.settings_of(settings, emulated)
         target = msgspec.structs.replace(settings.record, path=args.output)
-        settings = msgspec.structs.replace(
-            settings, ports=ports, record=target, readonly=args.readonly or settings.readonly
-        )
+        settings = msgspec.structs.replace(settings, record=target, readonly=args.readonly or settings.readonly)
         recorder = stack.enter_context(recording(settings))
         assert recorder is not None
         log.configure(sink=recorder.record_event)

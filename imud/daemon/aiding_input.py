@@ -1,25 +1,22 @@
-"""Receives measurements of other programs, and has them decoded, fused, counted and recorded."""
+"""Receives measurements of other programs and of the kernel's sensors, and has them decoded and counted."""
 
 import time
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..configuration.settings import Settings
+from ..estimators.aiding_source import AidingSource
+from ..math.arrays import Records
 from ..process.log import get_logger
-from ..recording.control import Recordings
 from ..sensors.aiding import DatagramDecoder
-from ..sensors.estimator_selection import EstimatorSelection
 from .aiding_socket import LONGEST, AidingSocket, Poller
 from .change_logger import ChangeLogger
-from .sigma_shares import SigmaShares
-from .status_tables import InnovationStatistics
 
 
 class AidingInput:
     """What `aiding.listen` and `aiding.iio` open. Not thread-safe; times are monotonic ns. Raises as `AidingSocket`."""
 
-    def __init__(
-        self, settings: Settings, poller: Poller, selection: EstimatorSelection, recordings: Recordings
-    ) -> None:
+    def __init__(self, settings: Settings, poller: Poller) -> None:
         self._inputs: list[Any] = []
         if settings.aiding.listen:
             self._inputs.append(AidingSocket(settings.aiding.listen, poller))
@@ -28,7 +25,6 @@ class AidingInput:
 
             self._inputs.append(IioReader(settings.aiding.iio, settings.aiding.iio_rate_hz, poller))
         self._decoder = DatagramDecoder()
-        self._selection, self._recordings = selection, recordings
         self._log = get_logger().bind(aiding=self._address)
         self._change_logger = ChangeLogger(self._log)
 
@@ -39,21 +35,19 @@ class AidingInput:
     def __contains__(self, fd: int) -> bool:
         return any(fd == each.fd for each in self._inputs)
 
-    def on_event(self, statistics: InnovationStatistics, shares: SigmaShares) -> None:
-        """Fuse the measurements that have come; statistics: of their innovations; shares: of their sources."""
+    def measurements(self, known: Iterable[AidingSource] | None) -> Iterator[tuple[AidingSource, Records]]:
+        """Source and measurement (array of one MEASUREMENT) of all that has come.
+
+        known: the sources that the estimator takes; None: there is none yet, and what has come is refused.
+        """
         for data in (data for each in self._inputs for data in each.datagrams()):
             now_ns, unix_ns = time.monotonic_ns(), time.time_ns()
             if data is None:
                 self._decoder.refuse("length", f"a datagram of more than {LONGEST} bytes")
-            elif (inertial := self._selection.inertial) is None:
+            elif known is None:
                 self._decoder.refuse("lack of a sensor", "there is no inertial sensor yet")
             else:
-                filter_ = inertial.pipeline.filter
-                for source, measurement in self._decoder.decode(data, filter_.estimator.sources, now_ns, unix_ns):
-                    innovations = shares.fuse(source.name, filter_, filter_.aid, measurement)
-                    statistics.add(innovations)
-                    if recorder := self._recordings.current:
-                        recorder.record_measurement(source.name, measurement, innovations)
+                yield from self._decoder.decode(data, known, now_ns, unix_ns)
 
     def tick(self, now_ns: int) -> None:
         """Call several times a second: logs what is new."""

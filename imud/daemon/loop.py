@@ -109,8 +109,7 @@ class Daemon:
             return None
         from .aiding_input import AidingInput  # here, as few users need it: it would cost the others memory
 
-        opened = AidingInput(self._settings, self._fast_loop.others, self._devices.selection, self._recordings)
-        return stack.enter_context(contextlib.closing(opened))
+        return stack.enter_context(contextlib.closing(AidingInput(self._settings, self._fast_loop.others)))
 
     def _prepare_kernels(self) -> None:
         """Have numba compile kernels, which takes minutes: all where there is no library, else those of plug-ins."""
@@ -190,7 +189,7 @@ class Daemon:
             os.read(fd, 64)  # its handler has run
         elif self._aiding is not None and fd in self._aiding:
             with self._errors.contain("the use of a measurement"):
-                self._aiding.on_event(self._publisher.innovations, self._publisher.shares)
+                self._publisher.on_measurements(self._aiding.measurements(self._publisher.known_sources()))
         else:
             if fd in self._outputs.gpsd:
                 self._publish_newest(now_ns)  # the client may ask for it

@@ -1,8 +1,9 @@
 """Gives fixes to the filter, and its solutions to the recording and the outputs."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
+from ..estimators.aiding_source import AidingSource
 from ..estimators.filter_states import OncePerPeriod
 from ..math.arrays import Records
 from ..outputs.all import Outputs
@@ -63,14 +64,32 @@ class Publisher:
         """Fuse what receivers and other sensors have measured beside positions."""
         for receiver in self._devices.in_use.receivers():
             if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
-                filter_ = inertial.pipeline.filter
                 for each in receiver.measured:
-                    if (row := each.row(filter_.estimator.sources)) is not None:
-                        innovations = self.shares.fuse(each.source, filter_, filter_.aid, row)
-                        self.innovations.add(innovations)
+                    if (row := each.row(inertial.pipeline.filter.estimator.sources)) is not None:
+                        innovations = self._fuse(each.source, inertial, row)
                         if (recorder := self._recordings.current) and len(innovations):
                             recorder.record_innovations(innovations)
             receiver.measured.clear()
+
+    def known_sources(self) -> tuple[AidingSource, ...] | None:
+        """The aiding sources that the filter takes; None: there is no filter yet."""
+        inertial = self._devices.selection.inertial
+        return None if inertial is None else inertial.pipeline.filter.estimator.sources
+
+    def on_measurements(self, measurements: Iterable[tuple[AidingSource, Records]]) -> None:
+        """Fuse and record measurements of `known_sources` that came as datagrams."""
+        for source, row in measurements:
+            if (inertial := self._devices.selection.inertial) is not None:
+                innovations = self._fuse(source.name, inertial, row)
+                if recorder := self._recordings.current:
+                    recorder.record_measurement(source.name, row, innovations)
+
+    def _fuse(self, source: str, inertial: Inertial, measurement: Records) -> Records:
+        """Its innovations."""
+        filter_ = inertial.pipeline.filter
+        innovations = self.shares.fuse(source, filter_, filter_.aid, measurement)
+        self.innovations.add(innovations)
+        return innovations
 
     def tick(self, latency_s: float, now_ns: int) -> None:
         """Handle fixes whose epoch ended by silence, innovations without a fix, and what is recorded once a second."""

@@ -26,7 +26,7 @@ SCHEME = "sim:"
 DEVICES = {None: "g350", "epson": "g350", "crossbow": "rga300", "iio": "bmi160"}  # by driver; others have its name
 OTHERS = ("wheel", "baro", "compass")  # devices that the user names themselves instead of a driver; all speak NMEA
 POLLED = ("bmp280", "ak8975")  # of the kernel: no ports, but `aiding.iio`
-PROGRAMS = ("pose", "velocity", "body_velocity")  # no ports, but programs that send datagrams
+PROGRAMS = ("pose", "velocity", "body_velocity", "wheels")  # no ports, but programs that send datagrams
 _USAGE_ERROR = 64  # exit code of the emulator
 
 
@@ -82,11 +82,6 @@ def settings_of(settings: Settings, emulated: Emulated) -> Settings:
 def polled(texts: Sequence[str]) -> tuple[str, ...]:
     """The emulated barometers and magnetometers of the kernel among ports."""
     return tuple(str(spec.driver) for spec in map(_spec, texts) if spec.driver in POLLED)
-
-
-def without_port(texts: Sequence[str]) -> tuple[str, ...]:
-    """The names of emulated devices among ports that have none."""
-    return tuple(str(spec.driver) for spec in map(_spec, texts) if _without_port(spec))
 
 
 def _without_port(spec: PortSpec) -> bool:

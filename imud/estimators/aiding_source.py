@@ -94,3 +94,9 @@ class AidingSource:
                     raise ValueError(f"{name} is {number:g}, outside {column.low:g} to {column.high:g}")
                 numbers[i] = column.factor * number
             measurement[target] = numbers
+
+    def cells(self, measurement: Any) -> dict[str, float]:
+        """The numbers of a row of MEASUREMENT by columns and sigmas, as `fill` reads them; NaN: not known."""
+        columns = [(name, column, "value", i) for i, (name, column) in enumerate(self.columns.items())]
+        columns += [(name, column, "sigma", i) for i, (name, column) in enumerate(self.sigmas.items())]
+        return {name: float(measurement[target][i]) / column.factor for name, column, target, i in columns}

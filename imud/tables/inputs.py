@@ -6,7 +6,7 @@ Inside, time is int64 ns since an origin (a whole second at or before the first 
 import bisect
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -222,19 +222,21 @@ def _fix_rows(path: Path, left_out: SkippedRows | None) -> Iterator[dict[str, fl
     known = {name: i for i, name in enumerate(source.names) if name in FIX_COLUMNS}
 
     def read(number: int, cells: list[str]) -> dict[str, float]:
-        row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
+        row = {name: _number_or_none(number, cells, i, name, _BELOW_ZERO_UNKNOWN) for name, i in known.items()}
         return checked_fix(f"line {number}", row)
 
     rows = _rows(source, read, left_out)
     return (row for row in rows if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0)
 
 
-def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
-    """NaN for what is not known: an empty cell, nan, a size below zero. Raises ValueError that says where."""
+def _number_or_none(
+    line: int, cells: Sequence[str], column: int, name: str, below_zero_unknown: Collection[str] = ()
+) -> float:
+    """NaN for what is not known: an empty cell, nan, below zero in those columns. Raises ValueError that says where."""
     if column < len(cells) and cells[column].strip().lower() in ("", "nan"):
         return math.nan
     value = _number(line, cells, column, name)
-    return math.nan if value < 0.0 and name in _BELOW_ZERO_UNKNOWN else value
+    return math.nan if value < 0.0 and name in below_zero_unknown else value
 
 
 def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
@@ -290,7 +292,7 @@ def read_aiding(source: AidingSource, path: Path, origin: int, left_out: Skipped
     known = {name: i for i, name in enumerate(table.names) if name in ("t_s", *source.names, "arrival_s")}
 
     def read(number: int, cells: list[str]) -> dict[str, float]:
-        row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
+        row = {name: _number_or_none(number, cells, i, name, source.sigmas) for name, i in known.items()}
         if math.isnan(row["t_s"]):
             raise ValueError(f"line {number}: t_s is empty")
         try:

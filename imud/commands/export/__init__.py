@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, nargs="+", metavar="MCAP", help="the files of one recording")
-    parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv, est.csv and states.csv")
+    parser.add_argument("--csv", type=Path, metavar="DIR", help="imu.csv, gnss.csv, est.csv, … of it")
     parser.add_argument("--parquet", type=Path, metavar="DIR", help="the same as Parquet files")
     parser.add_argument("--ros2", type=Path, metavar="MCAP", help="the messages of `imud ros2`, in ENU and FLU")
     parser.add_argument("--smooth", action="store_true", help="a track more: from the data before and after each point")
@@ -93,9 +93,16 @@ def run(args: argparse.Namespace) -> int:
         for target in targets:
             target.write_fix(fix)
 
-    on_update, on_aid = (smoother.take_fix, smoother.take_measurement) if smoother else (ignore, ignore)
+    def write_measurement(measurement: "Records", innovations: "Records") -> None:
+        if smoother is not None:
+            smoother.take_measurement(measurement, innovations)
+        source = next(each for each in player.filter.estimator.sources if each.kind == measurement[0]["kind"])
+        for folder in folders:
+            folder.write_measurement(source, measurement)
+
+    on_update = smoother.take_fix if smoother else ignore
     player = Player(
-        settings, adapt, Initial(), step, on_update, recording.notes.append, on_fix=write_fix, on_aid=on_aid
+        settings, adapt, Initial(), step, on_update, recording.notes.append, on_fix=write_fix, on_aid=write_measurement
     )
     with ExitStack() as stack:
         offset_ns = recording.unix_less_monotonic_ns

@@ -9,16 +9,18 @@ import msgspec
 import numpy as np
 
 from ...errors import CannotCreateError
-from .rows import FIX_COLUMNS, fix_cells, tilt_deg
+from .rows import FIX_COLUMNS, fix_cells, source_names, tilt_deg
 
 if TYPE_CHECKING:
+    from ...estimators.aiding_source import AidingSource
     from ...math.arrays import Records
 
 _ARRIVAL = FIX_COLUMNS.index("arrival_s") - 1  # behind t_s
 
 
 class CsvFolder:
-    """imu.csv and gnss.csv as `imud replay` reads them, est.csv and states.csv as it writes them; all on one clock."""
+    """imu.csv, gnss.csv and a table of each aiding source (odometer.csv, …) as `imud replay` reads them, est.csv and
+    states.csv as it writes them; all on one clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ...recording.writer import Thinner
@@ -27,11 +29,13 @@ class CsvFolder:
 
         try:
             folder.mkdir(exist_ok=True)
-            (folder / "states.csv").unlink(missing_ok=True)
+            for name in ("states", *source_names()):
+                (folder / f"{name}.csv").unlink(missing_ok=True)
             files = {name: stack.enter_context((folder / f"{name}.csv").open("wb")) for name in ("imu", "gnss", "est")}
         except OSError as error:
             raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
-        self._folder = folder
+        self._folder, self._stack = folder, stack
+        self._aiding: dict[str, BinaryIO] = {}  # by source
         self._imu: BinaryIO = files["imu"]
         self._gnss: BinaryIO = files["gnss"]
         self._est = EstimateWriter(files["est"], 0, 256)
@@ -71,6 +75,16 @@ class CsvFolder:
         cells: list[float | str] = [*fix_cells(fix)]
         cells[_ARRIVAL] = _seconds(int(cells[_ARRIVAL]))
         self._gnss.write(_row(int(fix[0]["t_ns"]), cells))
+
+    def write_measurement(self, source: "AidingSource", measurement: "Records") -> None:
+        """A MEASUREMENT. A source of which none comes has no file."""
+        row = measurement[0]
+        cells = source.cells(row)
+        if source.name not in self._aiding:
+            file = self._stack.enter_context((self._folder / f"{source.name}.csv").open("wb"))
+            file.write(f"t_s,arrival_s,{','.join(cells)}\n".encode())
+            self._aiding[source.name] = file
+        self._aiding[source.name].write(_row(int(row["t_ns"]), [_seconds(int(row["arrival_ns"])), *cells.values()]))
 
     def write_states(self, rows: "Records") -> None:
         """All rows of FILTER_STATES; none: the estimator has no such, and there is no file."""

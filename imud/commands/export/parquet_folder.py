@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import CannotCreateError
-from .rows import FIX_COLUMNS, fix_cells, tilt_deg
+from .rows import FIX_COLUMNS, fix_cells, source_names, tilt_deg
 
 if TYPE_CHECKING:
+    from ...estimators.aiding_source import AidingSource
     from ...math.arrays import Records
 
 GROUP_ROWS = 65536  # of a row group, at least: what readers take at a time
@@ -56,7 +57,7 @@ class _Table:
 
 
 class ParquetFolder:
-    """imu.parquet, gnss.parquet, est.parquet and states.parquet; all on the same clock."""
+    """imu, gnss, est, states and a table of each aiding source as .parquet; all on the same clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
         from ...recording.writer import Thinner
@@ -64,13 +65,15 @@ class ParquetFolder:
         importlib.import_module("pyarrow")  # if it is missing, that is said before the recording is replayed
         try:
             folder.mkdir(exist_ok=True)
-            for name in ("imu", "gnss", "est", "states"):
+            for name in ("imu", "gnss", "est", "states", *source_names()):
                 (folder / f"{name}.parquet").unlink(missing_ok=True)
         except OSError as error:
             raise CannotCreateError(f"cannot write in {folder}: {error.strerror}") from error
         tables = [_Table(folder / f"{name}.parquet") for name in ("imu", "gnss", "est", "states")]
         self._imu, self._gnss, self._est, self._states = tables
         self._thinner = Thinner(rate_hz)
+        self._folder, self._stack = folder, stack
+        self._aiding: dict[str, _Table] = {}  # by source
         self.fixes = 0
         for table in tables:
             stack.callback(table.close)
@@ -93,6 +96,16 @@ class ParquetFolder:
         row = dict(zip(FIX_COLUMNS, [fix[0]["t_ns"] * 1e-9, *fix_cells(fix)], strict=True))
         row["arrival_s"] *= 1e-9
         self._gnss.write({name: np.array([value]) for name, value in row.items()})
+
+    def write_measurement(self, source: "AidingSource", measurement: "Records") -> None:
+        """A MEASUREMENT. A source of which none comes has no file."""
+        row = measurement[0]
+        if source.name not in self._aiding:
+            self._aiding[source.name] = _Table(self._folder / f"{source.name}.parquet")
+            self._stack.callback(self._aiding[source.name].close)
+        times = {"t_s": 1e-9 * row["t_ns"], "arrival_s": 1e-9 * row["arrival_ns"]}
+        cells = times | source.cells(row)
+        self._aiding[source.name].write({name: np.array([value]) for name, value in cells.items()})
 
     def write_states(self, rows: "Records") -> None:
         """All rows of FILTER_STATES; none: the estimator has no such, and there is no file."""

@@ -1,4 +1,4 @@
-"""What stands in a row of `imu` and of `gnss`, whatever the format of the table."""
+"""What stands in a row of `imu`, of `gnss` and of an aiding source, whatever the format of the table."""
 
 import math
 from typing import TYPE_CHECKING
@@ -21,6 +21,13 @@ def fix_cells(fix: "Records") -> list[float]:
     cells = [math.degrees(row["lat"]), math.degrees(row["lon"]), float(row["height"]), int(row["arrival_ns"])]
     cells += [*row["sigma"].tolist(), float(row["hdop"]), *row["v"].tolist(), float(row["speed"])]
     return [*cells, math.degrees(row["course"]), int(row["quality"]), int(row["satellites"]), *row["sigma_v"].tolist()]
+
+
+def source_names() -> list[str]:
+    """Of the aiding sources, whose tables an earlier export may have left."""
+    from ...estimators import registry
+
+    return [source.name for source in registry.by_name("navigation").sources]
 
 
 def tilt_deg(down: "Floats") -> "Floats":

@@ -63,7 +63,7 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
     restart_in_motion_alignment(c)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)  # neither fixes nor the vehicle's constraint can correct such a heading
-        reset_nhc(c)
+        reset_nhc(p, c)
     if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > p.tuning.lost_tilt**2:
         change_mode(p, c, ATTITUDE_LOST)
 

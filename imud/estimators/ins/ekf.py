@@ -212,8 +212,8 @@ def inject_error(p: Parameters, c: Core) -> None:
         n.gyro_scale[k] += x[GYRO_SCALE + k]
     rotate_attitude(c, x[ATTITUDE], x[ATTITUDE + 1], 0.0)  # in the axes of the old heading, which may be far off
     rotate_attitude(c, 0.0, 0.0, x[ATTITUDE + 2])
+    rotate_vehicle_axes(c, x[MOUNT_PITCH], x[MOUNT_YAW])
     if c.nhc.enabled:
-        rotate_vehicle_axes(c, x[MOUNT_PITCH], x[MOUNT_YAW])
         n.nhc_lever_arm += x[NHC_LEVER_ARM]
     n.time_offset += x[TIME_OFFSET]
     n.velocity_time_offset += x[VELOCITY_TIME_OFFSET]

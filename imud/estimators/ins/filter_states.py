@@ -107,7 +107,7 @@ def _fill_mounting(row: np.void, c: np.void, P: Floats) -> None:
     """Pitch and yaw of the forward axis, from that axis and its errors: rotations about the lateral and vertical."""
     (fx, fy, fz), (lx, ly, lz) = c["nav"]["forward"].tolist(), c["nav"]["lateral"].tolist()
     level2 = fx * fx + fy * fy
-    if not c["nhc"]["enabled"] or level2 == 0.0:
+    if not (c["nhc"]["enabled"] or c["odometer"]["last_used_ns"] != NEVER_NS) or level2 == 0.0:
         return
     ux, uy, uz = fy * lz - fz * ly, fz * lx - fx * lz, fx * ly - fy * lx  # vertical
     pitch = uz / math.sqrt(level2), -lz / math.sqrt(level2)  # by the errors MOUNT_PITCH and MOUNT_YAW

@@ -22,6 +22,8 @@ from .state import (
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
+    MOUNT_PITCH,
+    MOUNT_YAW,
     NAVIGATING,
     NEVER_NS,
     NO_AGE,
@@ -141,6 +143,7 @@ def _unknown(p: np.void) -> Floats:
     sigmas[VELOCITY_TIME_OFFSET] = t["velocity_time_offset_sigma"]
     sigmas[BARO_OFFSET] = t["baro_offset_sigma"]
     sigmas[ODOMETER_SCALE] = t["odometer_scale_sigma"]
+    sigmas[MOUNT_PITCH] = sigmas[MOUNT_YAW] = t["unknown_mount_sigma"]
     sigmas[GYRO_SCALE : GYRO_SCALE + 9] = p["gyro_scale"]
     return sigmas
 

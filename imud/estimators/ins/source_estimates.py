@@ -14,6 +14,7 @@ from ..records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
+from .aiding.records import CONTRADICTED, NO_DIRECTION
 from .state import BARO_OFFSET, NAVIGATING, NEVER_NS, ODOMETER_SCALE, STATES
 
 REPEATED_NS = 10_000_000_000  # a barometer that says the same for longer has stopped
@@ -23,6 +24,10 @@ _FINDINGS = {
     POSE_SOURCE: ("pose", "rejected", 1, "it contradicts the estimate, or repeats itself"),
     VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
     BODY_VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
+}
+_UNUSED = {
+    CONTRADICTED: "it contradicts the estimate",
+    NO_DIRECTION: "the vehicle does not move along the forward axis: is imu.mount_rpy_deg right?",
 }
 
 
@@ -59,4 +64,6 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
         found[ODOMETER_SOURCE]["finding"] = "it repeats its last reading while the speed changes"
     elif odometer["step"] > 0.0:
         found[ODOMETER_SOURCE]["finding"] = "the accelerometer contradicts it"
+    elif odometer["unused"]:
+        found[ODOMETER_SOURCE]["finding"] = _UNUSED[int(odometer["unused"])]
     return found

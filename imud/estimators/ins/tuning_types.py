@@ -135,6 +135,7 @@ class Tuning:
     nhc_max_mean_nis: float
     nhc_retry_s: float
     nhc_mean_nis_gain: float
+    unknown_mount_sigma: float
     mount_sigma: float
     least_course_speed: float
     typical_lever_arm: float

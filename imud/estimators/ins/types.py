@@ -428,6 +428,7 @@ class Odometer:
     step: float
     inflation: float
     used_share: float
+    unused: int
     reading: float
     reading_ns: int
     predicted: float

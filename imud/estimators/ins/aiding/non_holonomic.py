@@ -97,6 +97,13 @@ TUNABLES = (
         "Five seconds.",
         high=1.0,
     ),
+    Tunable(
+        "unknown_mount_sigma",
+        math.radians(20.0),
+        "rad",
+        "Sigma of the forward axis, along which an odometer measures, about the body's x axis before it is found.",
+        "Choice: a sensor that was mounted by eye, or on a slope, without a word in the settings.",
+    ),
     Tunable("mount_sigma", math.radians(4.0), "rad", "Sigma of the forward axis when it is found.", "Recorded drives."),
 )
 
@@ -151,9 +158,11 @@ def enable_nhc(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def reset_nhc(c: Core) -> None:
-    """Disable the constraint and clear the scatter matrices."""
+def reset_nhc(p: Parameters, c: Core) -> None:
+    """Disable the constraint and clear the scatter matrices; its axis is as uncertain as at the start."""
     c.nhc.enabled = 0
+    decorrelate(c, MOUNT_PITCH, p.tuning.unknown_mount_sigma**2)
+    decorrelate(c, MOUNT_YAW, p.tuning.unknown_mount_sigma**2)
     close_current(c)
     clear_scatter(c)
 
@@ -172,7 +181,7 @@ def disable_nhc(p: Parameters, c: Core, along: float) -> None:
     for first in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS, GYRO_SCALE, GYRO_SCALE + 3, GYRO_SCALE + 6):
         for i in range(first, first + 3):
             add_variance(c, i, max(h.start_variance[i] - variance(c, i), 0.0))
-    reset_nhc(c)
+    reset_nhc(p, c)
     h.disable_count += 1
     h.disabled_ns = c.nav.t_ns
     reset_noise_scale(p, c)

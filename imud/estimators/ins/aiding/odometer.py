@@ -4,6 +4,10 @@ z = reading - (1 + scale) u, with u = e_x' (C' v + w x l): e_x is the forward ax
 measurement has value[0]: speed, m/s, value[1]: of two wheels left less right (`two_wheels.py`), else NaN, and sigma[0]:
 m/s, NaN where it is not reported. Used while navigating.
 
+*Axis.* e_x is the body's x axis as the settings say, or as the constraint of a land vehicle has found it. Its errors
+MOUNT_YAW and MOUNT_PITCH are estimated in any case: a sensor that was mounted 10 deg off would else turn the heading.
+At 90 deg a reading tells no direction, and is not used, until a land vehicle's axis is found.
+
 *Current.* A speed through the water differs from that over ground by the water's own speed, sigma[1]: an error that
 lasts. So many readings in its time know no more than one; and none of them tells whether the receiver drifts.
 
@@ -31,6 +35,7 @@ from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, OTHER_AXIS, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
 from .odometer_faults import check_step, count_use, inflate_velocity, is_frozen, step_gate, store_residual
+from .records import CONTRADICTED, NO_DIRECTION
 from .two_wheels import fuse_yaw_rate
 
 if TYPE_CHECKING:
@@ -100,8 +105,8 @@ def signed_reading(p: Parameters, c: Core, reading: float, along: float, sigma: 
         if abs(reading) > p.tuning.odometer_dead_speed:
             g.direction = ahead if reading > 0.0 else -ahead
         return ahead * abs(reading)
-    if g.reverses:
-        return g.direction * reading if g.direction != 0.0 else math.nan
+    if g.reverses and g.direction != 0.0:
+        return g.direction * reading
     return 0.0 if abs(reading) <= p.tuning.odometer_dead_speed else math.nan
 
 
@@ -117,10 +122,8 @@ def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> in
     length = set_jacobian(c, length, ATTITUDE + 1, gain * (f[2] * v[0] - f[0] * v[2]))
     length = set_jacobian(c, length, ATTITUDE + 2, gain * (f[0] * v[1] - f[1] * v[0]))
     length = set_jacobian(c, length, ODOMETER_SCALE, along)
-    if c.nhc.enabled:  # the forward axis is estimated: e_x <- e_x + yaw e_y - pitch e_z
-        length = set_jacobian(c, length, MOUNT_YAW, gain * dot(lateral_axis(c), v_b))
-        length = set_jacobian(c, length, MOUNT_PITCH, -gain * dot(vertical_axis(c), v_b))
-    return length
+    length = set_jacobian(c, length, MOUNT_YAW, gain * dot(lateral_axis(c), v_b))  # e_x <- e_x + yaw e_y - pitch e_z
+    return set_jacobian(c, length, MOUNT_PITCH, -gain * dot(vertical_axis(c), v_b))
 
 
 @kernel
@@ -166,6 +169,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     predicted_sigma = math.sqrt(max(innovation_variance(c, length), 0.0))
     reading = signed_reading(p, c, m.value[0], along, predicted_sigma)
     if not math.isfinite(reading):
+        c.odometer.unused = NO_DIRECTION
         return 0
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     predicted = (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
@@ -189,6 +193,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     proven = c.odometer.used_share >= p.tuning.odometer_min_used_share
     z, s, nis = correlated_update(c, length, z, r, shared, gate if proven else REJECT, OTHER_AXIS)
     used = nis >= 0.0
+    c.odometer.unused = 0 if used else CONTRADICTED
     count_use(p, c, gate != REJECT and z * z <= gate * s, dt)
     if used or n > 0:
         correct_state(p, c)

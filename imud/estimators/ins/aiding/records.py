@@ -151,6 +151,7 @@ HEADING_AID = np.dtype(
     align=True,
 )
 
+CONTRADICTED, NO_DIRECTION = 1, 2
 ODOMETER = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last reading
@@ -163,6 +164,7 @@ ODOMETER = np.dtype(
         ("step", "<f8"),  # m/s, size of the innovation with which the readings became wrong at once; 0: they did not
         ("inflation", "<f8"),  # m^2/s^2, added to P since then
         ("used_share", "<f8"),  # of the readings lately
+        ("unused", "<i8"),  # why the last reading was not used: CONTRADICTED, NO_DIRECTION; 0: it was
         ("reading", "<f8"),  # m/s, the last that differed from the one before
         ("reading_ns", "<i8"),  # its epoch
         ("predicted", "<f8"),  # m/s, what the estimate predicted for it

@@ -75,8 +75,7 @@ def fuse_yaw_rate(
     shared = others * lasting + noise[2] * 2.0 * noise[1] / base**2
     length = set_jacobian3(c, 0, GYRO_BIAS, (-u[0], -u[1], -u[2]))
     length = set_jacobian(c, length, ODOMETER_SCALE, measured / (1.0 + c.nav.odometer_scale))
-    if c.nhc.enabled:  # the vehicle's axes are estimated: e_z <- e_z + pitch e_x
-        length = set_jacobian(c, length, MOUNT_PITCH, dot(forward_axis(c), w))
+    length = set_jacobian(c, length, MOUNT_PITCH, dot(forward_axis(c), w))  # e_z <- e_z + pitch e_x
     z, s, nis = correlated_update(c, length, z, r, shared, p.tuning.odometer_gate, OTHER_AXIS)
     write_innovation(innovations, 0, m.t_ns, WHEEL_YAW_RATE, z, s, nis >= 0.0)
     return 0.0 if nis >= 0.0 else z * base

@@ -144,7 +144,7 @@ def set_heading_covariance(p: Parameters, c: Core) -> None:
 @kernel
 def reset_tilt(p: Parameters, c: Core) -> None:
     """Roll and pitch from the newest force, the vehicle's axis in the body unknown."""
-    reset_nhc(c)
+    reset_nhc(p, c)
     restart_in_motion_alignment(c)
     set_attitude(c, quat_of_gravity(c.imu.f[0], c.imu.f[1], c.imu.f[2] - 1e-3))
     for i in range(2):

@@ -120,7 +120,7 @@ def inflate_heading(p: Parameters, c: Core) -> None:
 @kernel
 def realign(p: Parameters, c: Core) -> None:
     """Reset the states learned with the wrong heading, and continue with the new heading."""
-    reset_nhc(c)
+    reset_nhc(p, c)
     for i in range(2):
         add_variance(c, ATTITUDE + i, p.tuning.realigned_tilt**2)
     for i in range(3):

@@ -173,6 +173,36 @@ def test_the_lag_of_a_steady_turn_is_covered(rate):
     assert np.all(np.abs(error[begun:]) < 2.0 * out["sigma_rpy"][begun:, 0])
 
 
+def accelerated(rng, accelerations, vibration):
+    """Samples of a level body that accelerates along x, m/s^2, and vibrates; the sensor has no error but noise."""
+    force = np.column_stack((accelerations, np.zeros(len(accelerations)), np.full(len(accelerations), -G)))
+    white = math.hypot(PROFILE.accel_noise * math.sqrt(RATE_HZ), vibration)
+    return samples(force + rng.normal(0.0, white, force.shape))
+
+
+@pytest.mark.parametrize("acceleration", [1.5, 2.5, -3.0])
+def test_a_vehicle_that_goes_on_braking_is_covered(acceleration):
+    """Its force differs by less from gravity than the sensor's errors may: only the change has shown it."""
+    t = np.arange(0.0, 60.0, 1.0 / RATE_HZ)
+    ramp = np.clip(np.minimum(t - 5.0, 13.0 - t), 0.0, 1.0)
+    out = run(accelerated(np.random.default_rng(1), acceleration * ramp, 0.3))
+    pitch = np.array([angles(row)[1] for row in out])
+    assert abs(pitch[t > 6.5][0]) > math.radians(7.0)
+    assert np.all(np.abs(pitch) < 4.0 * out["sigma_rpy"][:, 1])
+    assert out["sigma_rpy"][-1, 1] < 1.2 * out["sigma_rpy"][t < 4.0, 1].max()
+
+
+def test_a_body_that_is_only_tilted_is_known_again_in_seconds():
+    """Without vibration a changed force is taken for another tilt as soon as it stays."""
+    t = np.arange(0.0, 12.0, 1.0 / RATE_HZ)
+    tilt = math.radians(20.0) * np.clip(t - 5.0, 0.0, 1.0)
+    force = np.array([weight(0.0, angle) for angle in tilt])
+    rng = np.random.default_rng(2)
+    out = run(samples(force + rng.normal(0.0, PROFILE.accel_noise * math.sqrt(RATE_HZ), force.shape)))
+    before, after = out["sigma_rpy"][t < 5.0, 1].max(), out["sigma_rpy"][t > 11.0, 1].max()
+    assert after < 1.1 * before
+
+
 # --- yaw ---
 
 

@@ -3,9 +3,12 @@
 The specific force is averaged in body axes by a first-order low-pass of BANDWIDTH_HZ (a running mean until that has
 filled), so the answer lags a steady turn by 1 / (2 pi BANDWIDTH_HZ) = 0.16 s. The tilt between the body's z and the
 vertical is acos(acc_z / acc_xyz), with acc pointing up; roll and pitch are its full rotation. Their sigmas follow from
-what the sensor's noise, bias and scale do to the average, from how fast it changes, and from how much its magnitude
-differs from gravity by more than these explain: then the force is not only weight. An acceleration too steady and
-too small for that to show is not seen: it tilts the answer by a / g.
+what the sensor's noise, bias and scale do to the average, and from the accelerations that there may be.
+
+An acceleration tilts the answer by a / g. Its evidence is a change of the average, which may as well be a rotation, and
+a magnitude that differs from gravity by more than the sensor's errors explain. While the body vibrates by more than the
+sensor's noise, it may be a vehicle that goes on braking or turning as it has begun to: the evidence is remembered for
+MOTION_S. An acceleration that begins more slowly than that, and is small, is not seen.
 
 Yaw is unknown, 0 with the sigma of a uniform angle, unless a yaw gyro exists (a rate that is ever anything but exactly
 0): from then on its rate is integrated, and yaw counts from there or from the heading that the user gave.
@@ -40,6 +43,10 @@ if TYPE_CHECKING:
 BANDWIDTH_HZ = 1.0
 TIME_CONSTANT_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
 SLOW_RATIO = 3.0  # times as slow: the second average, behind which the first one runs by twice its own lag
+STEP_RESPONSE = 3.0**-0.5 - 3.0**-1.5  # largest difference of the two averages after a step of the force by 1
+MOTION_S = 10.0  # for which an acceleration may last; choice: a vehicle that brakes, or a bend
+VIBRATION_RATIO = 2.0  # of the sensor's variance: more is vibration; choice, for profiles' noise that is typical
+VIBRATION_S = 1.0  # over which that variance is averaged
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
 MAGNITUDE_GATE = 2.0  # sigma by which sensor errors may change the force's magnitude
 UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
@@ -69,7 +76,8 @@ STATE = np.dtype(
         ("f_mean", "<f8", (3,)),  # m/s^2, averaged
         ("f_slow_mean", "<f8", (3,)),  # averaged for longer
         ("noise_var", "<f8"),  # (m/s^2)^2, white noise left in f
-        ("mean_change2", "<f8"),  # (m/s^2)^2, how far apart the averages were lately
+        ("vibration_var", "<f8"),  # (m/s^2)^2, of samples about the average, mean of the axes
+        ("motion_var", "<f8"),  # (m/s^2)^2, of the accelerations that there may be, each axis
         ("has_gyro", "<i8", (3,)),  # 1: that axis has shown a rate
         ("w", "<f8", (3,)),  # rad/s, newest
         ("true_heading", "<i8"),  # 1 while yaw refers to true north
@@ -114,16 +122,38 @@ def start(parameters: Records, initial: Initial) -> Records:
 @kernel
 def update_means(p: TiltParameters, s: TiltState, sample: Sample, dt: float) -> None:
     """Take the force of a good sample, dt s after the last good one."""
+    if s.sample_count > 0:
+        fast2 = 0.0
+        for i in range(3):
+            lag = (s.f_mean[i] - s.f_slow_mean[i]) / (SLOW_RATIO - 1.0)  # of the average behind a steady change
+            fast2 += (sample.f[i] - s.f_mean[i] - lag) ** 2
+        s.vibration_var += max(dt / (VIBRATION_S + dt), 1.0 / s.sample_count) * (fast2 / 3.0 - s.vibration_var)
     s.sample_count += 1
     gain = max(dt / (TIME_CONSTANT_S + dt), 1.0 / s.sample_count)
     slow_gain = max(dt / (SLOW_RATIO * TIME_CONSTANT_S + dt), 1.0 / s.sample_count)
-    change2 = 0.0
     for i in range(3):
         s.f_mean[i] += gain * (sample.f[i] - s.f_mean[i])
         s.f_slow_mean[i] += slow_gain * (sample.f[i] - s.f_slow_mean[i])
-        change2 += (s.f_mean[i] - s.f_slow_mean[i]) ** 2
     s.noise_var += gain * (gain * p.sample_var - (2.0 - gain) * s.noise_var)
-    s.mean_change2 = max(change2, s.mean_change2 + slow_gain * (change2 - s.mean_change2))
+
+
+@kernel
+def update_motion(p: TiltParameters, s: TiltState, dt: float) -> None:
+    """The accelerations that there may be: those for which the averages are evidence, and those of lately."""
+    f, change2, force2 = s.f_mean, 0.0, 1e-12
+    for i in range(3):
+        change2 += (f[i] - s.f_slow_mean[i]) ** 2
+        force2 += f[i] ** 2
+    excess = math.sqrt(force2) - s.gravity
+    explained = MAGNITUDE_GATE * math.sqrt(s.noise_var + p.bias_var + s.gravity_var + p.scale_var * force2)
+    # a horizontal acceleration a lengthens the force by a^2 / (2 g); a vertical one is taken for as large sideways
+    unexplained = max(abs(excess) - explained, 0.0)
+    evidence = unexplained**2 + 0.5 * change2 / STEP_RESPONSE**2
+    if excess > 0.0:
+        evidence += s.gravity * unexplained
+    vibrates = s.vibration_var > VIBRATION_RATIO * p.sample_var
+    memory = MOTION_S if vibrates else SLOW_RATIO * TIME_CONSTANT_S
+    s.motion_var = max(evidence, s.motion_var * memory / (memory + dt))
 
 
 @kernel
@@ -133,15 +163,7 @@ def update_tilt(p: TiltParameters, s: TiltState) -> None:
     force2 = max(f[0] * f[0] + f[1] * f[1] + f[2] * f[2], 1e-12)
     roll, pitch = elementary.atan2(-f[1], -f[2]), elementary.atan2(f[0], math.sqrt(f[1] * f[1] + f[2] * f[2]))
     s.roll_pitch[0], s.roll_pitch[1] = roll, pitch
-    sensor_var = s.noise_var + p.bias_var
-    excess = math.sqrt(force2) - s.gravity
-    explained_excess = MAGNITUDE_GATE * math.sqrt(sensor_var + s.gravity_var + p.scale_var * force2)
-    # a horizontal acceleration a lengthens the force by a^2 / (2 g); a vertical one is taken for as large sideways
-    unexplained_excess = max(abs(excess) - explained_excess, 0.0)
-    motion_var = unexplained_excess * unexplained_excess + 0.25 * s.mean_change2
-    if excess > 0.0:
-        motion_var += s.gravity * unexplained_excess
-    isotropic = sensor_var + motion_var
+    isotropic = s.noise_var + p.bias_var + s.motion_var
     cos_pitch = max(elementary.cos(pitch), 1e-6)
     sr, cr, sp = elementary.sin(roll), elementary.cos(roll), elementary.sin(pitch)
     across = p.scale_var * ((f[1] * cr) ** 2 + (f[2] * sr) ** 2)
@@ -213,6 +235,7 @@ def step(p: TiltParameters, s: TiltState, sample: Sample, solution: Solution) ->
             if dt > LONG_GAP_S:
                 s.yaw_var, s.true_heading = UNKNOWN_ANGLE**2, 0
             update_means(p, s, sample, dt)
+            update_motion(p, s, dt)
             update_tilt(p, s)
             integrate_yaw(p, s, sample, min(dt, LONG_GAP_S))
             s.last_good_ns = s.t_ns

@@ -87,7 +87,8 @@ class TiltState:
     f_mean: Reals
     f_slow_mean: Reals
     noise_var: float
-    mean_change2: float
+    vibration_var: float
+    motion_var: float
     has_gyro: Integers
     w: Reals
     true_heading: int

@@ -19,14 +19,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.commands import status, web
-from imud.commands.arguments import above_zero, add_settings, seed
-from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
-from imud.outputs.addresses import PORT, parse_address
-from imud.setup import config
 
+from ...errors import ImudError, UsageError
+from ...outputs.addresses import PORT, parse_address
+from ...setup import config
+from .. import status, web
+from ..arguments import above_zero, add_settings, seed
 from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
 from .processes import daemon, emulator, process, subscribe

@@ -18,10 +18,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imud.commands.arguments import above_zero, seed
-from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
+
+from ...errors import ImudError, UsageError
+from ..arguments import above_zero, seed
 
 if TYPE_CHECKING:
     from .received import Counts, EstimateReader, StreamReader

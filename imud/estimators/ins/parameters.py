@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 
-from imud.configuration.settings import Settings
-from imud.sensor_errors.profiles import profile_of
-
+from ...configuration.settings import Settings
 from ...math.arrays import Records
+from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 from . import (
     damaged_readings,

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from imud.compile.jit import interpreted
-from imud.configuration.settings import Initial
-from imud.math.kalman import packed_index
-from imud.sensor_errors.stored_biases import Biases
-
+from ...compile.jit import interpreted
+from ...configuration.settings import Initial
 from ...math.arrays import Floats, Records
+from ...math.kalman import packed_index
+from ...sensor_errors.stored_biases import Biases
 from ..tuning import Tunable
 from .core import STATE
 from .state import (

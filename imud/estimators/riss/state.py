@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from imud.configuration.settings import Initial, Settings
-from imud.sensor_errors.profiles import profile_of
-
 from ...compile.jit import interpreted
+from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
+from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 
 (

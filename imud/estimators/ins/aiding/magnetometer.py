@@ -22,9 +22,9 @@ import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
-from imud.sensor_errors.magnetometer import REMAINING_T
 
 from ....compile.jit import kernel
+from ....sensor_errors.magnetometer import REMAINING_T
 from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import MAGNETOMETER, MAGNETOMETER_SOURCE

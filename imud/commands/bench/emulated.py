@@ -16,7 +16,7 @@ from ... import __version__
 from ...configuration.settings import Initial, Record, Settings
 from ...math.arrays import Records
 from ...recording.clock_fit import row_of
-from ...recording.player import Player
+from ...recording.player import Handlers, Player
 from ...recording.protocol import MessageKind
 from ...recording.writer import RecordingWriter
 from . import signals
@@ -71,7 +71,7 @@ def write_recording(path: Path, seconds: int) -> None:
     def on_update(fix: Records, innovations: Records) -> None:
         known.extend([(MessageKind.FIX, fix.copy()), (MessageKind.INNOVATIONS, innovations.copy())])
 
-    player = Player(settings, lambda recorded: settings, Initial(), on_step, on_update)
+    player = Player(settings, lambda recorded: settings, Initial(), Handlers(on_step, on_update))
     for port, configured in _CONFIGURED.items():
         kind, driver = ("imu", "epson") if port == IMU else ("gnss", "nmea")
         connection = Connection(START_NS, port, settings.ports[port], True, kind, driver, to_builtins(configured))

@@ -29,7 +29,7 @@ from ...recording.messages import (
     STATES,
     Table,
 )
-from ...recording.player import Player
+from ...recording.player import Handlers, Player
 from ...recording.source import Recording, adapter, print_notes
 from ...recording.state_messages import states_rows
 from ...tables.estimates import estimate_cells
@@ -131,7 +131,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     """
     recording, found = Recording([path]), _Collector(name)
     adapt = adapter(None, (), "tilt")  # the cheapest estimator: only the samples are wanted
-    player = Player(recording.settings(adapt), adapt, Initial(), found.decoded, warn=recording.notes.append)
+    player = Player(recording.settings(adapt), adapt, Initial(), Handlers(found.decoded, warn=recording.notes.append))
     done = 0
     try:
         for entry in recording:

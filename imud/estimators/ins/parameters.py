@@ -71,6 +71,13 @@ TUNABLES = (
         "Time in which a bias walks by its instability.",
         "Allan variance: K^2 tau / 3 = B^2 where it is flat, at 300 s.",
     ),
+    Tunable(
+        "limit_sigmas",
+        3.0,
+        "sigma",
+        "Sigmas by which an estimate must be beyond a limit before it counts as beyond it.",
+        "Three sigma.",
+    ),
     *error_model.TUNABLES,
     *heading_boresight.TUNABLES,
     *noise_density.TUNABLES,

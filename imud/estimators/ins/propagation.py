@@ -36,6 +36,7 @@ TUNABLES = (
         "One lost sample makes 2 periods.",
     ),
     Tunable("gap_s", 0.1, "s", "Gap between samples beyond which the motion is extrapolated.", "Choice."),
+    Tunable("long_gap_periods", 5.0, "periods", "The same in sample periods: the longer one holds.", "Slow sensors."),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(
@@ -189,7 +190,7 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     dt = min(dt, p.tuning.longest_gap_s)
     is_gap = dt > p.tuning.gap_periods * p.period
     variances = gap_variances(p, c, w, f, dt) if is_gap else (0.0, 0.0, 0.0)
-    if dt > max(p.tuning.gap_s, 5.0 * p.period):
+    if dt > max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period):
         extrapolate_gap(p, c, w, f, dt, variances)
     else:
         mechanize(p, c, w, f, dt)

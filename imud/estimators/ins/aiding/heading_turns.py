@@ -24,8 +24,7 @@ TUNABLES = (
     Tunable("heading_turn_memory", 20.0, "intervals", "Intervals that are summed.", "Choice: a minute."),
     Tunable("min_heading_turn", 0.2, "rad", "Least root of the sum of squared changes that tells.", "Choice."),
     Tunable("min_turn_count", 3, "intervals", "Least number of intervals.", "Choice: one may have a jump."),
-    Tunable("min_turn_ratio", 0.4, "", "Headings that turn by a smaller share are wrong.", "Iron: half."),
-    Tunable("turn_ratio_sigmas", 3.0, "", "Sigmas by which it must be smaller.", "Choice."),
+    Tunable("min_turn_ratio", 0.4, "", "Headings that turn by less are wrong.", "Iron: half."),
 )
 
 
@@ -69,7 +68,7 @@ def turns_differently(p: Parameters, c: Core) -> bool:
     xx, xy, noise = s[0], s[1], s[2]
     if c.heading_aid.turn_count < p.tuning.min_turn_count or xx < p.tuning.min_heading_turn**2:
         return False
-    return bool(xy / xx + p.tuning.turn_ratio_sigmas * math.sqrt(noise) / xx < p.tuning.min_turn_ratio)
+    return bool(xy / xx + p.tuning.limit_sigmas * math.sqrt(noise) / xx < p.tuning.min_turn_ratio)
 
 
 @kernel

@@ -57,6 +57,8 @@ TUNABLES = (
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
     Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
     Tunable("current_share", 0.3, "", "Current of a body that is no land vehicle, as a share of its speed.", "Boats."),
+    Tunable("evidence_mount_sigma", 0.5, "rad", "Sigma of the angle of the forward axis, mu.", "30 deg."),
+    Tunable("evidence_lever_arm_sigma", 1.5, "m", "Sigma of the lever arm, L.", "A car's rear axle."),
     Tunable("heave_time_s", 0.2, "s", "Time constant of the heave.", "Waves and steps of 0.8 Hz and above."),
     Tunable("heave_memory_s", 10.0, "s", "Time over which the heave is averaged.", "Some waves."),
     Tunable("max_heave", 0.006, "m", "Largest heave of a land vehicle.", "Walks have half as much again."),
@@ -77,7 +79,6 @@ TUNABLES = (
     ),
 )
 ALONG, TURN, CURRENT_N, CURRENT_E, LATERAL = range(5)
-MOUNT_PRIOR, LEVER_PRIOR = 0.5, 1.5  # rad, m: sigmas of mu and L
 
 
 @kernel
@@ -189,8 +190,8 @@ def judge_evidence(p: Parameters, c: Core) -> None:
         a, b = rotated[5 * j + ALONG], rotated[5 * j + LATERAL]
         rotated[5 * j + ALONG], rotated[5 * j + LATERAL] = cos * a + sin * b, cos * b - sin * a
     speed2 = rotated[5 * ALONG + ALONG] / e.weight
-    rotated[5 * ALONG + ALONG] += 1.0 / MOUNT_PRIOR**2
-    rotated[5 * TURN + TURN] += 1.0 / LEVER_PRIOR**2
+    rotated[5 * ALONG + ALONG] += 1.0 / p.tuning.evidence_mount_sigma**2
+    rotated[5 * TURN + TURN] += 1.0 / p.tuning.evidence_lever_arm_sigma**2
     for k in range(2):  # eliminate mu and L
         for i in range(k + 1, 5):
             share = rotated[5 * i + k] / rotated[5 * k + k]
@@ -252,4 +253,4 @@ def shows_land_vehicle(p: Parameters, c: Core) -> bool:
 def refutes_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of none."""
     floats = c.land_evidence.log_likelihood < -p.tuning.land_log_likelihood and not wheels_support(p, c)
-    return bool(floats or heaves(c) or coordinates_turns(p, c, 3.0))
+    return bool(floats or heaves(c) or coordinates_turns(p, c, p.tuning.limit_sigmas))

@@ -126,7 +126,8 @@ def is_earths_field(p: Parameters, c: Core, m: Measurement) -> bool:
     g.dip += share * b
     g.variation += share * (a * a + b * b - g.variation)
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    is_strange = abs(strength) > p.tuning.mag_strength_gate or dip * dip > p.tuning.mag_dip_gate**2 + 9.0 * tilt2
+    most_dip2 = p.tuning.mag_dip_gate**2 + p.tuning.limit_sigmas**2 * tilt2
+    is_strange = abs(strength) > p.tuning.mag_strength_gate or dip * dip > most_dip2
     if is_strange or g.variation > p.tuning.mag_variation**2:
         g.since_ns = m.t_ns
     return m.t_ns - g.since_ns > 1e9 * p.tuning.mag_settle_s

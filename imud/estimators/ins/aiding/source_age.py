@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("age_interval_s", 0.19, "s", "Least time between readings that an age is learned from.", "5 Hz suffice."),
     Tunable("age_mean_s", 3.0, "s", "Time of the mean that is subtracted.", "Choice: a change of speed."),
+    Tunable("age_gap_s", 2.0, "s", "Pause after which that mean begins anew.", "Choice."),
     Tunable("age_correlation_s", 1.0, "s", "Correlation time of what is left.", "A slip, an error of the map."),
     Tunable("age_gate", 9.0, "NIS", "Bound of the square of what is left.", "Three sigma."),
     Tunable("age_speed_noise", 0.05, "m/s", "What is left of a speed of the right age, besides its sigma.", "Choice."),
@@ -50,7 +51,6 @@ TUNABLES = (
     Tunable("age_drift_s", 1000.0, "s", "Time in which an age moves by a step of the bank.", "0.1 ms in a second."),
 )
 AHEAD_NS = 50_000_000  # an epoch may be newer than the newest sample by that, as samples arrive in bursts
-GAP_S = 2.0  # after such a pause the mean begins anew
 
 
 @kernel
@@ -106,9 +106,9 @@ def remainder(
 
     Infinite until the mean has been taken over its whole time.
     """
-    if not dt < GAP_S or g.known_s[i] == 0.0:
+    if not dt < p.tuning.age_gap_s or g.known_s[i] == 0.0:
         g.known_s[i], g.mean[i, 0], g.mean[i, 1], g.mean[i, 2] = 0.0, x, y, turn
-    g.known_s[i] += min(dt, GAP_S)
+    g.known_s[i] += min(dt, p.tuning.age_gap_s)
     dx, dy, turned = x - g.mean[i, 0], y - g.mean[i, 1], wrap_angle(turn - g.mean[i, 2])
     nis = (dx * dx + dy * dy) / noise + turned * turned / turn_noise
     share = min(dt / min(p.tuning.age_mean_s, g.known_s[i]), 1.0)
@@ -215,7 +215,7 @@ def learn_age(p: Parameters, s: State, m: Measurement) -> None:
         return
     if m.kind in (POSE_SOURCE, VELOCITY_SOURCE) and not math.isfinite(m.value[1]):
         return
-    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * GAP_S
+    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * p.tuning.age_gap_s
     if c.alignment.mode != NAVIGATING or m.t_ns > c.nav.t_ns + AHEAD_NS or dt < p.tuning.age_interval_s:
         return
     g.last_ns = m.t_ns

@@ -50,7 +50,7 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     if c.alignment.mode == NAVIGATING and g.frozen == 0:
         north, east = ned_difference(c, g.unchanged_estimate[0], g.unchanged_estimate[1], c.nav.lat, c.nav.lon)
         sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
-        g.frozen = 1 if elementary.hypot(north, east) - 3.0 * sigma > p.tuning.frozen_min_m else 0
+        g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
     return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
 
 

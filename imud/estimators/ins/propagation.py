@@ -103,9 +103,9 @@ def gap_variances(p: Parameters, c: Core, w: Reals, f: Reals, dt: float) -> tupl
     for i in range(3):
         jump_f2 = max(jump_f2, (f[i] - c.imu.f[i]) ** 2)
     jump2, vibration2 = turned[0] ** 2 + turned[1] ** 2, s.vibration_gyro_psd / psd
-    level = gap_variance(p, jump2, dt, s.max_rate_of_change[0], vibration2, p.tuning.gap_turn)
-    vertical = gap_variance(p, turned[2] ** 2, dt, s.max_rate_of_change[1], vibration2, p.tuning.gap_turn)
-    accel = gap_variance(p, jump_f2, dt, s.max_rate_of_change[2], s.vibration_accel_psd / psd, p.tuning.gap_accel)
+    level = gap_variance(p, jump2, dt, s.level_rate_change2, vibration2, p.tuning.gap_turn)
+    vertical = gap_variance(p, turned[2] ** 2, dt, s.vertical_rate_change2, vibration2, p.tuning.gap_turn)
+    accel = gap_variance(p, jump_f2, dt, s.force_change2, s.vibration_accel_psd / psd, p.tuning.gap_accel)
     x, y, _ = body_to_ned(c, mean_rate(c, w))
     leaning2 = (level_share(p, dt) * dt) ** 2 * (x * x + y * y)
     accel = max(accel, 0.25 * s.level_accel2)

@@ -129,22 +129,22 @@ def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
     """
     if p.lever_arm_is_set:
         return float(p.lever_arm_sigma)
-    estimated = c.gnss.given_lever_arm[3] > 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
+    estimated = c.gnss.given_lever_arm_sigma > 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
     return float(p.tuning.unset_lever_arm_sigma if estimated else 0.0)
 
 
 @kernel
 def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
-    given, sigma = c.gnss.given_lever_arm, initial_lever_arm_sigma(p, c, fix)
-    changed = given[3] != sigma
+    g, sigma = c.gnss, initial_lever_arm_sigma(p, c, fix)
+    changed = g.given_lever_arm_sigma != sigma
     for i in range(3):
-        changed = changed or given[i] != p.gnss_lever_arm[i]
+        changed = changed or g.given_lever_arm[i] != p.gnss_lever_arm[i]
     if not changed:
         return
-    given[3] = sigma
+    g.given_lever_arm_sigma = sigma
     for i in range(3):
-        given[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
+        g.given_lever_arm[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
         decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
 

@@ -89,7 +89,7 @@ def clear_evidence(c: Core) -> None:
     e.weight = e.heave_variance = 0.0
     e.leaky_height = e.mean_height = e.count = 0.0
     e.log_likelihood = 0.0
-    e.turn_force[:] = 0.0
+    e.turn_count = e.turn_sum = e.turn_force_sum = e.turn2_sum = e.turn_times_force_sum = e.turn_force2_sum = 0.0
 
 
 @kernel
@@ -155,9 +155,13 @@ def add_turn(c: Core, u: Vector, rate: float, decay: float) -> None:
     axis2, across2 = max(dot(axis, axis), 1e-12), max(dot(across, across), 1e-12)
     turn = rate * dot(axis, u) / math.sqrt(axis2)
     force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(across2)
-    sums, rows = c.land_evidence.turn_force, (1.0, turn, force, turn * turn, turn * force, force * force)
-    for i in range(6):
-        sums[i] = decay * sums[i] + rows[i]
+    e = c.land_evidence
+    e.turn_count = decay * e.turn_count + 1.0
+    e.turn_sum = decay * e.turn_sum + turn
+    e.turn_force_sum = decay * e.turn_force_sum + force
+    e.turn2_sum = decay * e.turn2_sum + turn * turn
+    e.turn_times_force_sum = decay * e.turn_times_force_sum + turn * force
+    e.turn_force2_sum = decay * e.turn_force2_sum + force * force
 
 
 @kernel
@@ -228,9 +232,11 @@ def heaves(c: Core) -> bool:
 @kernel
 def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
-    s = c.land_evidence.turn_force
-    n = max(s[0], 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
-    square, product, energy = max(s[3] - s[1] * s[1] / n, 1e-12), s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
+    e = c.land_evidence
+    n = max(e.turn_count, 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
+    square = max(e.turn2_sum - e.turn_sum * e.turn_sum / n, 1e-12)
+    product = e.turn_times_force_sum - e.turn_sum * e.turn_force_sum / n
+    energy = e.turn_force2_sum - e.turn_force_sum * e.turn_force_sum / n
     residual = max((energy - product * product / square) / n, p.tuning.coordination_sigma**2)
     return bool(0.5 * square - product > sigmas * math.sqrt(p.tuning.evidence_correlation * residual * square))
 

@@ -169,7 +169,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
     reported = math.isfinite(vn) and math.isfinite(ve)
     noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[0] / dt**4
     if not reported:
-        north, east = ned_difference(c, g.place[0], g.place[1], fix.lat, fix.lon)
+        north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
         vn, ve = north / dt, east / dt
     change = ((vn - g.velocity[0]) / dt, (ve - g.velocity[1]) / dt)
     k, oldest = s.snapshot_count, max(0, s.snapshot_count - SNAPSHOTS)
@@ -191,7 +191,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
             g.sums[i, m] *= decay
         compare_age(c, g, i, earlier, share, dt, reported, change, noise)
     g.last_ns, g.origin_ns = fix.t_ns, c.alignment.origin_ns
-    g.velocity[0], g.velocity[1], g.place[0], g.place[1] = vn, ve, fix.lat, fix.lon
+    g.velocity[0], g.velocity[1], g.lat, g.lon = vn, ve, fix.lat, fix.lon
 
 
 @kernel

@@ -26,7 +26,16 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import SEMI_MAJOR_M
 from ....math.rotation import dot, quat_rotate, quat_rotate_back
-from ...records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE
+from ...records import (
+    BODY_VELOCITY_SOURCE,
+    HEADING_SOURCE,
+    LAT_VALUE,
+    LON_VALUE,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+    YAW_VALUE,
+)
 from ...tuning import Tunable
 from ..mechanization import wrap_angle
 from ..state import AGE_STEP_NS, AGES, NAVIGATING, NEVER_NS, NO_AGE, SNAPSHOTS
@@ -72,9 +81,9 @@ def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu) -> tuple[float, fl
     if m.kind == POSE_SOURCE:
         l = p.pose_lever_arm  # noqa: E741 as in the literature
         arm = quat_rotate(q, (l[0], l[1], l[2]))
-        east = (nav.lon - m.value[1]) * math.fabs(elementary.cos(m.value[0]))
-        turn = yaw_difference(q, m.value[3]) if math.isfinite(m.value[3]) else 0.0
-        return SEMI_MAJOR_M * (nav.lat - m.value[0]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
+        east = (nav.lon - m.value[LON_VALUE]) * math.fabs(elementary.cos(m.value[LAT_VALUE]))
+        turn = yaw_difference(q, m.value[YAW_VALUE]) if math.isfinite(m.value[YAW_VALUE]) else 0.0
+        return SEMI_MAJOR_M * (nav.lat - m.value[LAT_VALUE]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
     v = quat_rotate_back(q, (nav.v_n[0], nav.v_n[1], nav.v_n[2]))
     if m.kind == BODY_VELOCITY_SOURCE:
         return v[0], 0.0, 0.0

@@ -16,6 +16,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 LIBRARY = "imud/compile/kernels.so"
 COMPILERS = ("cc", "gcc", "clang")
+_UNTRANSLATABLE = 2  # exit code of imud.compile: an error in the sources, which must not be passed over
 _MACHINES = {"arm": "armv7l"}  # of zig to that of a wheel's tag, where they differ
 _IMPORTED = ["numpy>=2.0", "msgspec>=0.19", "pyserial>=3.5", "structlog>=24.1"]  # by the kernels' modules
 
@@ -50,6 +51,8 @@ class Hook(BuildHookInterface):  # type: ignore[type-arg]
         if target := os.environ.get("IMUD_TARGET"):
             command += ["--target", target]
         done = subprocess.run(command, cwd=self.root, capture_output=True, text=True, check=False)
+        if done.returncode == _UNTRANSLATABLE:
+            self.app.abort(f"imud: {done.stderr}")
         if done.returncode:
             self.app.display_warning(f"imud: the kernels could not be compiled: {done.stderr}")
             self.app.display_warning("imud: numba will compile them at the first start, which takes minutes")

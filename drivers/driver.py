@@ -55,7 +55,8 @@ class Options:
     filter_taps: int = 0  # of an inertial sensor's moving average; 0: as few as the rate allows, least delay
     self_test: bool = False  # have an inertial sensor test itself first; it must be at rest
     unchecked: bool = False  # a receiver's messages may lack checksums
-    fix_rate_hz: float = 0.0  # a receiver may be set up for so many fixes per second; 0: as its driver does by default
+    fix_rate_hz: float = 5.0  # of a receiver that is set up
+    set_up_nmea: bool = False  # a receiver of sentences is set up, too, which streams as it is; others always are
     device: str = ""  # of those that a gpsd has; empty: any
     keep_baud: bool = False  # the user named the baud rate: it is not changed
 

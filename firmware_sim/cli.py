@@ -16,7 +16,8 @@ from .iio_chips import CHIPS
 
 if TYPE_CHECKING:
     from .build import Scene
-    from .emulator import EmulatedPort
+    from .emulator import EmulatedPort, Task
+    from .faults.wire import WireLog
 
 KERNEL = (*CHIPS, *POLLED)  # devices that a driver of the kernel has
 EXIT_USAGE, EXIT_DATA, EXIT_NO_INPUT, EXIT_NO_OUTPUT, EXIT_INTERRUPTED = 64, 65, 66, 73, 130
@@ -199,9 +200,42 @@ def _fail(code: int, message: str) -> int:
     return code
 
 
-def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
+def _devices(
+    args: argparse.Namespace,
+    scene: "Scene",
+    faults: list[list[Fault]],
+    time_zero: tuple[float, float],
+    wires: "WireLog | None",
+    stack: ExitStack,
+) -> "tuple[list[EmulatedPort], list[Task]]":
+    """The named devices: those on ports, and those that need none. time_zero: see `Scene`."""
     from .build import device, kernel_device, program
-    from .emulator import AsFastAsRead, EmulatedPort, RealTime, Task, TruthLog, end_with_parent, serve
+    from .emulator import EmulatedPort
+
+    start, utc = time_zero
+    links = iter([*args.link, *[None] * len(args.devices)])
+    ports: list[EmulatedPort] = []
+    tasks: list[Task] = []
+    for i, (name, _) in enumerate(args.devices):
+        if name in KERNEL:
+            chip = kernel_device(args, scene, i, faults[i], start, wires)
+            stack.enter_context(chip)
+            tasks.append(chip)
+            print(name, chip.path, flush=True)
+        elif name in PROGRAMS:
+            sender = stack.enter_context(program(args, scene, utc, i, faults[i], wires))
+            tasks.append(sender)
+            print(name, sender.path, flush=True)
+        else:
+            built = device(args, scene, utc, i, faults[i], wires)
+            outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
+            port = EmulatedPort(name, built, next(links), outages, patient=args.fast or args.patient)
+            ports.append(stack.enter_context(port))
+    return ports, tasks
+
+
+def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]) -> int:
+    from .emulator import AsFastAsRead, RealTime, TruthLog, end_with_parent, serve
     from .faults.wire import WireLog
 
     signals: list[int] = []
@@ -211,28 +245,10 @@ def _emulate(args: argparse.Namespace, scene: "Scene", faults: list[list[Fault]]
             stack.callback(signal.signal, number, before)
         if args.parent is not None:
             end_with_parent(args.parent)
-        start, utc = scene.time_zero()
+        time_zero = scene.time_zero()
+        start, _ = time_zero
         wires = stack.enter_context(closing(WireLog(args.wire_log, start))) if args.wire_log else None
-        links = iter([*args.link, *[None] * len(args.devices)])
-        ports: list[EmulatedPort] = []
-        tasks: list[Task] = []
-        for i, (name, _) in enumerate(args.devices):
-            if name in KERNEL:
-                chip = kernel_device(args, scene, i, faults[i], start, wires)
-                stack.enter_context(chip)
-                tasks.append(chip)
-                print(name, chip.path, flush=True)
-                continue
-            if name in PROGRAMS:
-                sender = stack.enter_context(program(args, scene, utc, i, faults[i], wires))
-                tasks.append(sender)
-                print(name, sender.path, flush=True)
-                continue
-            built = device(args, scene, utc, i, faults[i], wires)
-            outages = [fault.span for fault in spec.of_layer("plug", faults[i])]
-            ports.append(
-                stack.enter_context(EmulatedPort(name, built, next(links), outages, patient=args.fast or args.patient))
-            )
+        ports, tasks = _devices(args, scene, faults, time_zero, wires, stack)
         if args.truth is not None and scene.trajectory is not None:
             tasks.append(stack.enter_context(closing(TruthLog(args.truth, scene.trajectory, start))))
         for port in ports:

@@ -1,7 +1,7 @@
 """Accuracy and honesty of the navigation filter on the open recordings, as a table in Markdown, also with faults.
 
     python tests/accuracy.py [RECORDING..] [--faults] [--outages] [--vehicle auto,land] [--profile auto,consumer-mems]
-                             [--fault NAME,..] [--fixes NAME,..] [--jobs 2]
+                             [--fault NAME,..] [--fixes NAME,..] [--smooth] [--jobs 2]
 
 Each row is one replay at the full rate, through what users run. Horizontal errors are RMS from a minute after the first
 solution on (flights: within the times that their `meta.json` says are to be scored), in rows without a fault only while
@@ -10,6 +10,8 @@ fixes are fresh. NEES: mean squared error over variance, per axis. "Wrong and su
 horizontal error of these runs. A car's recording has no reference of the attitude: there the yaw is compared with the
 course at more than 5 m/s, less the median of the difference, which is the mounting. A flight's reference of the
 attitude is another filter, which does not know its yaw before it flies: it counts within the times to be scored only.
+
+An outage has four figures: median, RMS and NEES of the horizontal errors at its end, RMS of the largest within it.
 
 The profile `auto` is `consumer-mems` here, as these tables name no sensor: the rows of the two are equal.
 """
@@ -26,7 +28,6 @@ import numpy as np
 from navigation_runner import (
     SHARED,
     load,
-    navigate,
     outage_ends,
     scorer,
     settings_of,
@@ -34,6 +35,7 @@ from navigation_runner import (
     truth_of,
     without,
 )
+from replay_in_process import new_filter, replay, smoothed_solutions
 
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 
@@ -167,7 +169,13 @@ def yaw_errors(truth, d, i, est, t):
     return (away - np.degrees(middle) + 180.0) % 360.0 - 180.0
 
 
-def figures(name, grade, fault, vehicle, profile, tuning, lengths):
+def solutions(samples, fixes, settings, smooth):
+    """Of one pass, causal or smoothed."""
+    filter_ = new_filter("navigation", samples, settings)
+    return smoothed_solutions(filter_, samples, fixes) if smooth else replay(filter_, samples, fixes)[0]
+
+
+def figures(name, grade, fault, vehicle, profile, tuning, lengths, smooth):
     """The figures of one row, by name."""
     samples, fixes, truth, meta, begin = recording(name, grade)
     samples, fixes = samples.copy(), fixes.copy()
@@ -175,7 +183,7 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths):
         FAULTS[fault](samples, fixes, begin)
     given = np.array(meta["lever_frd"], float) + np.array([0.0, float(fault.startswith("lever arm")), 0.0])
     settings, score = settings_of(vehicle, given, profile, tuning, float(fault.endswith("sigma"))), scorer()
-    out = navigate(samples, fixes, settings)[0]
+    out = solutions(samples, fixes, settings, smooth)
     est, arm = table(out), meta["lever_frd"] if meta["truth_point"] == "antenna" else None
     t, d, i = score.errors(est, truth, arm)
     sigma = np.column_stack([np.interp(t, est[:, 0], est[:, k]) for k in range(10, 19)])
@@ -209,21 +217,26 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths):
         "heading valid %": 100.0 * float(np.mean(status[flown] & HEADING_VALID > 0)),
     }
     for length in lengths:
-        row[f"outage {length} s m"] = outages(name, grade, settings, truth, arm, length)
+        row[f"outage {length} s m"] = outages(name, grade, settings, truth, arm, length, smooth)
     return row
 
 
-def outages(name, grade, settings, truth, arm, length):
-    """[median, RMS, mean NEES] of the horizontal errors at the ends of outages of one length; [] without any."""
+def outages(name, grade, settings, truth, arm, length, smooth):
+    """[median, RMS, mean NEES] of the horizontal errors at the ends of outages of one length, and RMS of the largest
+    within each; [] without any.
+    """
     samples, fixes = recording(name, grade)[:2]
-    ends = []
+    ends, largest = [], []
     for windows in json.loads((SHARED / "navigation" / name / "outages.json").read_text()).get(length, []):
-        cut = table(navigate(samples, without(fixes, windows), settings)[0])
+        cut = table(solutions(samples, without(fixes, windows), settings, smooth))
         ends += outage_ends(scorer(), cut, truth, arm, windows)
+        t, d, _ = scorer().errors(cut, truth, arm)
+        within = [(t >= begin) & (t <= end) for begin, end, _ in windows]
+        largest += [np.hypot(d[k, 0], d[k, 1]).max() for k in within if k.any()]
     if not ends:
         return []
-    e = np.array(ends)
-    return [float(np.median(e[:, 0])), float(np.sqrt(np.mean(e[:, 0] ** 2))), float(e[:, 1].mean())]
+    e, rms = np.array(ends), lambda x: float(np.sqrt(np.mean(np.square(x))))
+    return [float(np.median(e[:, 0])), rms(e[:, 0]), float(e[:, 1].mean()), rms(largest)]
 
 
 def text_of(value):
@@ -244,6 +257,7 @@ def arguments():
     parser.add_argument("--fault", type=names, help="these faults only: " + ", ".join(FAULTS))
     parser.add_argument("--fixes", type=names, help="these fixes only")
     parser.add_argument("--outages", action="store_true", help="withhold fixes as well, for 30 s, 60 s (flights: 15 s)")
+    parser.add_argument("--smooth", action="store_true", help="as `imud replay --smooth`")
     parser.add_argument("--vehicle", type=names, default=["auto"])
     parser.add_argument("--profile", type=names, default=["auto"])
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
@@ -257,7 +271,7 @@ def main():
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     lengths = ("15", "30", "60") if a.outages else ()
     jobs = [
-        (name, grade, fault, vehicle, profile, tuning, () if fault else lengths)
+        (name, grade, fault, vehicle, profile, tuning, () if fault else lengths, a.smooth)
         for name in a.recordings
         for grade in FIXES[name]
         if not a.fixes or grade in a.fixes

@@ -67,7 +67,7 @@ DEVICES: tuple[tuple[str, Callable[[], object]], ...] = (
 )
 OPTIONS = (
     Options(),
-    Options(rate_hz=2000.0, polled=True, self_test=True, filter_taps=64, fix_rate_hz=10.0),
+    Options(rate_hz=2000.0, polled=True, self_test=True, filter_taps=64, fix_rate_hz=10.0, set_up_nmea=True),
     Options(rate_hz=50.0, readonly=True, unchecked=True, keep_baud=True),
 )
 

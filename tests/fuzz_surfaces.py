@@ -32,7 +32,7 @@ from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import Device, View
 from imud.recording.file import RecordingFile
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.samples import read_samples
 from imud.recording.source import adapter, group
 from imud.setup import config
@@ -112,7 +112,7 @@ def mcap(data: bytes) -> None:
     def read(path: Path) -> None:
         (recording, *_), _ = group([path])
         adapt = adapter(None, (), None)
-        player = Player(recording.settings(adapt), adapt, Initial(), lambda *_: None)
+        player = Player(recording.settings(adapt), adapt, Initial(), Handlers())
         for entry in recording:
             player.take(entry)
 

@@ -106,6 +106,10 @@ NOT_NOTICED = {
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
     "navigation.max_chord_turn": BETWEEN + "turn of north from one fix to the next",
     "navigation.contradicted_residual": BETWEEN + "mean NIS of fixes with a compass the wrong way round",
+    "navigation.long_gap_periods": "no recording has a sensor slower than 50 Hz",
+    "navigation.new_quality_ratio": BETWEEN + "ratio of a reported sigma to the last one",
+    "navigation.wheel_open_count": BY_WHEELS,
+    "navigation.fix_age_min_pairs": BETWEEN + "number of pairs of fixes when an age is found",
     "navigation.heading_turn_memory": "headings that do not turn are found within few intervals, in all recordings",
 }
 

@@ -63,7 +63,7 @@ def fixes_by(protocol, source, seconds):
     while not (identity := driver.recognise(heard)):
         heard += taken(wire)
     identity = replace(identity, baud=wire.host_baud)
-    configured, _ = run(driver.configure(identity, Options(fix_rate_hz=RATES_HZ[protocol])), wire)
+    configured, _ = run(driver.configure(identity, Options(fix_rate_hz=RATES_HZ[protocol], set_up_nmea=True)), wire)
     assert configured.identity.driver == protocol, configured
     decoder, rows = driver.new_decoder(), []
     while wire.now_s < seconds:

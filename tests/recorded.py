@@ -6,7 +6,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from imud.configuration.settings import Initial
 from imud.drivers.capture import Capture
 from imud.drivers.capture_messages import Raw, Reads
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.source import adapter
 
 
@@ -24,7 +24,7 @@ def message(t_ns, data, port=0):
 def replayed(recording):
     """The estimates of a recording without fixes."""
     steps, adapt = [], adapter(None, (), None)
-    player = Player(recording.settings(adapt), adapt, Initial(), lambda _, rows: steps.append(rows.copy()))
+    player = Player(recording.settings(adapt), adapt, Initial(), Handlers(lambda _, rows: steps.append(rows.copy())))
     for entry in recording:
         player.take(entry)
     return np.concatenate(steps)

@@ -46,8 +46,9 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
     return np.concatenate(solutions), np.concatenate(innovations)
 
 
-def smoothed_solutions(filter_: Filter, samples: Records) -> Records:
-    """Those of `imud replay --smooth`, without fixes. `samples` stay as they are."""
+def smoothed_solutions(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> Records:
+    """Those of `imud replay --smooth`. `samples` stay as they are."""
     rows: list[Records] = []
-    play_smoothed(filter_, samples.copy(), NO_FIXES, lambda block: rows.append(block.copy()))
+    order = np.argsort(fixes["arrival_ns"], kind="stable")
+    play_smoothed(filter_, samples.copy(), fixes[order], lambda block: rows.append(block.copy()))
     return np.concatenate(rows)

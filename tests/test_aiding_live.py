@@ -20,7 +20,7 @@ from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import HEADING, MAGNETOMETER
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.samples import fields_of
 from imud.recording.source import Recording, adapter
 from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, DatagramDecoder
@@ -185,8 +185,7 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
         recording.settings(adapt),
         adapt,
         Initial(),
-        lambda _, new: rows.append(new.copy()),
-        on_aid=lambda _, new: innovations.append(new.copy()),
+        Handlers(lambda _, new: rows.append(new.copy()), aid=lambda _, new: innovations.append(new.copy())),
     )
     for entry in recording:
         player.take(entry)

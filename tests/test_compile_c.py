@@ -215,6 +215,10 @@ def unknown(n):
     return print(n)
 
 
+def rounded(x):
+    return round(x[0])
+
+
 def from_the_end(values):
     values[-1] = 0.0
 
@@ -238,10 +242,11 @@ def copying_elements(parts):
     [
         (deleting, r"statement: del n"),
         (raising, r"statement: raise ValueError"),
-        (allocating, r"function of a library: np\.zeros\(n\)"),
+        (allocating, r"function of a library; write np\.empty\(N\), .*: np\.zeros\(n\)"),
         (named, r"call with keywords or \*: math"),
         (of_the_c_library, r"use imud\.drivers\.elementary\.sin for this: math\.sin"),
         (fractional, r"power, whose exponent is no positive integer constant: x\[0\] \*\* 1\.5"),
+        (rounded, r"call; write int\(np\.rint\(x\)\): round\(x\[0\]\)"),
         (unknown, r"call: print\(n\)"),
         (from_the_end, r"index from the end: values\[-1\]"),
         (several, r"variable that is both double and t2_double"),
@@ -252,7 +257,7 @@ def copying_elements(parts):
 def test_what_has_no_translation_is_named_with_file_and_line(function, what):
     unit = Translation()
     argument = {copying_a_row: PART, copying_elements: PART} | dict.fromkeys(
-        (from_the_end, of_the_c_library, fractional), np.dtype(float)
+        (from_the_end, of_the_c_library, fractional, rounded), np.dtype(float)
     )
     with pytest.raises(UnsupportedError, match=rf"test_compile_c\.py:\d+: .*{what}"):
         unit.export(function, [argument.get(function)], "entry")

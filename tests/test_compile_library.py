@@ -17,6 +17,7 @@ import pytest
 from processes import OBEYING
 
 from imud.compile import build, levels, library, seal
+from imud.compile.c import UnsupportedError
 from imud.drivers import registry
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -208,6 +209,60 @@ def test_without_a_compiler_a_message_explains_the_minutes_of_compilation(tmp_pa
     assert "no-such-compiler: No such file or directory" in ended.stderr
     assert "numba compiles" in ended.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_a_kernel_that_has_no_translation_ends_the_program_with_its_file_and_line(tmp_path):
+    """numba would run it, after minutes in which nobody knows why."""
+    (compiler := tmp_path / "python").write_text("#!/bin/sh\necho 'x.py:3: C has no translation' >&2; exit 2\n")
+    compiler.chmod(0o755)
+    code = """
+import sys
+import imud.commands
+sys.executable = sys.argv[1]
+sys.exit(imud.commands.main(["warmup"]))
+"""
+    ended = run(str(compiler), code=code, IMUD_KERNELS=str(tmp_path / "kernels.so"))
+    assert ended.returncode == 64
+    assert ended.stderr.splitlines()[-1].startswith("imud: x.py:3: C has no translation; docs/compile.md says")
+
+
+def test_the_translation_ends_with_a_code_of_its_own(tmp_path, monkeypatch, capsys):
+    from imud.compile import __main__ as translation
+
+    def untranslatable(with_lines):
+        raise UnsupportedError("x.py:3: C has no translation")
+
+    monkeypatch.setattr(translation, "source", untranslatable)
+    monkeypatch.setattr(sys, "argv", ["imud.compile", str(tmp_path / "kernels.so")])
+    assert translation.main() == build.UNTRANSLATABLE
+    assert capsys.readouterr().err == "x.py:3: C has no translation\n"
+
+
+@pytest.mark.parametrize(
+    ("variables", "says"),
+    [
+        ({}, "compiled kernels are in "),
+        ({"IMUD_JIT": "1"}, "numba compiles the kernels, in minutes: IMUD_JIT is set"),
+        (
+            {"IMUD_KERNELS": "/absent/kernels.so", "CC": "no-such-compiler"},
+            "numba compiles the kernels, in minutes: no-such-compiler: No such file or directory",
+        ),
+        (
+            {"IMUD_KERNELS": "/absent/kernels.so", "CC": "true"},
+            "the kernels will be compiled by true at the next start",
+        ),
+    ],
+    ids=["library", "wanted", "no compiler", "not built"],
+)
+def test_the_version_and_the_doctor_say_what_runs_the_kernels_and_why(variables, says):
+    version = run("--version", **variables).stdout.splitlines()
+    assert version[0].startswith("imud ") and version[1].startswith(says)
+    assert version[1] in run("doctor", **variables).stdout
+
+
+def test_the_status_says_why_numba_runs():
+    code = "from imud.compile import library; print(library.origin())"
+    assert run(code=code, IMUD_JIT="1").stdout == "numba: IMUD_JIT is set\n"
 
 
 @pytest.mark.parametrize("variables", [{"CC": "no-such-compiler"}, {"IMUD_JIT": "1"}])

@@ -2,7 +2,9 @@
 
 from types import SimpleNamespace
 
-from imud.configuration.settings import Settings
+import pytest
+
+from imud.configuration.settings import Imu, Settings
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.registry import by_name
 from imud.sensor_errors.calibration import Calibration
@@ -22,3 +24,18 @@ def test_the_numbering_and_the_counts_continue_with_another_sensor():
         sensor.pipeline.rx[: len(lines)] = bytearray(lines)
         sensor.pipeline.ingest(len(lines), 0)
     assert sensor.samples == sensor.totals()["frames"] == 21
+
+
+@pytest.mark.parametrize(
+    ("named", "chosen", "says"),
+    [("mems-2040", "auto", ["'mems-2040', which there is not: consumer-mems is assumed"]),
+     ("mems-2040", "m-g350", []), ("m-g350", "auto", []), ("", "auto", [])],
+)  # fmt: skip
+def test_a_driver_that_names_a_noise_profile_that_there_is_not_is_reported(named, chosen, says):
+    settings = Settings(estimator="tilt", imu=Imu(profile=chosen))
+    warnings = []
+    configured = ImuConfigured(Identity("seraccel", "", profile=named), 100.0, 10_000_000, 0, 0)
+    EstimatorSelection(settings, warnings.append).connect(
+        SimpleNamespace(counters={}), by_name("seraccel"), configured, Calibration(""), settings, 0
+    )
+    assert [each in warning for each, warning in zip(says, warnings, strict=True)] == [True] * len(says)

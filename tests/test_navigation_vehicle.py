@@ -175,11 +175,9 @@ def core():
 def learned(c, at_rest, in_motion, spread):
     rng = np.random.default_rng(0)
     for _ in range(200):
+        stationarity.learn_class(PARAMETERS, c["stationarity"]["rest_class"], at_rest + spread * rng.standard_normal())
         stationarity.learn_class(
-            PARAMETERS, c["stationarity"]["motion_class"][0], at_rest + spread * rng.standard_normal()
-        )
-        stationarity.learn_class(
-            PARAMETERS, c["stationarity"]["motion_class"][1], in_motion + spread * rng.standard_normal()
+            PARAMETERS, c["stationarity"]["slow_motion_class"], in_motion + spread * rng.standard_normal()
         )
 
 

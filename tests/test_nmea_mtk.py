@@ -20,9 +20,10 @@ from imud.firmware_sim.fixes import SimulatedFixes
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.nmea import FvM11
 from imud.firmware_sim.scenarios import SCENARIOS
+from imud.setup import choices
 from imud.setup.config import load
 
-FAST = Options(fix_rate_hz=5.0)
+FAST = Options(set_up_nmea=True)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def test_another_makers_receiver_is_queried_and_left_unchanged():
     assert configured.identity.baud == 9600
 
 
-@pytest.mark.parametrize("options", [Options(), Options(readonly=True, fix_rate_hz=5.0)])
+@pytest.mark.parametrize("options", [Options(), Options(readonly=True, set_up_nmea=True)])
 def test_nothing_is_written_unasked_or_to_a_readonly_port(options):
     device = Device()
     assert configure(device, options).warnings == ()
@@ -132,7 +133,7 @@ def test_two_retries_then_the_old_state():
 
 def test_a_rate_that_it_refuses_leaves_the_old_state():
     device = Device()
-    configured = configure(device, Options(fix_rate_hz=10.0))
+    configured = configure(device, Options(fix_rate_hz=10.0, set_up_nmea=True))
     assert configured.warnings
     assert device.unit.uart.baud == 9600
     assert fixes_in(device.listen(10.0)) in (9, 10)
@@ -165,7 +166,18 @@ def test_a_receiver_that_falls_silent_is_lost():
 
 def test_receivers_are_left_unchanged_by_default():
     assert Settings().gnss.configure is False
-    assert load(None, ["gnss.configure=true", "gnss.rate_hz=2"]).gnss.rate_hz == 2.0
+    assert not options_of().set_up_nmea and options_of("gnss.configure=true").set_up_nmea
+
+
+def test_the_rate_of_fixes_is_for_every_receiver_that_is_set_up():
+    """A u-blox receiver always is."""
+    assert options_of("gnss.rate_hz=2").fix_rate_hz == 2.0
+    assert options_of().fix_rate_hz == Settings().gnss.rate_hz == Options().fix_rate_hz
+
+
+def options_of(*settings):
+    [(_, options)] = choices.ports(load(None, ['ports=["/dev/a"]', *settings]))
+    return options
 
 
 @pytest.mark.parametrize("baud", [4800, 57600])

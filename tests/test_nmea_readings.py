@@ -23,7 +23,7 @@ from imud.drivers.nmea.decoder import NmeaDecoder
 from imud.drivers.nmea.driver import RECEIVER, SENSOR, Nmea
 from imud.estimators import registry
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.source import Recording, adapter
 from imud.sensors.receiver import Receiver
 from imud.tables.nmea_readings import readings_of_log
@@ -211,7 +211,7 @@ def test_a_sensor_on_a_port_of_its_own_aids_is_recorded_and_replays_to_the_same_
 
     rows = []
     recording, adapt = Recording([tmp_path / "rest.mcap"]), adapter(None, (), None)
-    player = Player(recording.settings(adapt), adapt, Initial(), lambda _, new: rows.append(new.copy()))
+    player = Player(recording.settings(adapt), adapt, Initial(), Handlers(lambda _, new: rows.append(new.copy())))
     for entry in recording:
         player.take(entry)
     kept = stored(tmp_path / "rest.mcap", ESTIMATE_TABLE)

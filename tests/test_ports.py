@@ -28,7 +28,7 @@ def tried(monkeypatch):
             raise next(failures)
 
         monkeypatch.setattr(ports, "open_line", open_line)
-        port = ports.Port(PortSpec.parse(PATH), Options(), None, wait=True)
+        port = ports.Port(PortSpec.parse(PATH), Options(), Owner(), wait=True)
         for _ in errors:
             port.on_time(port.deadline_s)
         return port

@@ -74,7 +74,7 @@ def test_a_windowed_model_named_for_a_flat_stream_is_refused():
 
 
 def test_receiver_and_accelerometer():
-    _, configured = overheard(streaming("nmea", 9600), fix_rate_hz=5.0)
+    _, configured = overheard(streaming("nmea", 9600), set_up_nmea=True)
     assert isinstance(configured, GnssConfigured)
     wire = streaming("seraccel", 57600)
     driver, configured = overheard(wire)

@@ -28,7 +28,7 @@ from imud.filter_state_names import PLACES
 from imud.recording import many, replaying
 from imud.recording.clock_fit import row_of
 from imud.recording.messages import CLOCK_TABLE, ESTIMATE_TABLE, FIX_TABLE, INNOVATION_TABLE, SAMPLE_TABLE
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.samples import read_samples
 from imud.recording.source import Recording, adapter, group
 from imud.recording.state_messages import states_rows
@@ -67,7 +67,7 @@ def replayed(recording, estimator=None):
 
     adapt = adapter(None, (), estimator)
     player = Player(
-        recording.settings(adapt), adapt, Initial(), lambda samples, rows: steps.append(rows.copy()), update
+        recording.settings(adapt), adapt, Initial(), Handlers(lambda samples, rows: steps.append(rows.copy()), update)
     )
     for entry in recording:
         player.take(entry)
@@ -313,7 +313,7 @@ def rates_of(path, calibration):
     """Of every sample of a recording, corrected."""
     recording, adapt, found = Recording([path]), adapter(None, (), "tilt"), []
     settings = recording.settings(adapt)
-    player = Player(settings, adapt, Initial(), lambda s, _: found.append(s["w"].copy()), calibration=calibration)
+    player = Player(settings, adapt, Initial(), Handlers(lambda s, _: found.append(s["w"].copy())), calibration)
     for entry in recording:
         player.take(entry)
     return np.concatenate(found)
@@ -334,7 +334,7 @@ def test_the_clocks_fit_is_recorded_once_a_second(recorded):
     assert np.isfinite(rows["drift"]).sum() >= len(rows) - 5
     assert rows["frames"][-1] <= len(stored(recorded, SAMPLE_TABLE))
     recording, adapt, found = Recording([recorded]), adapter(None, (), None), []
-    player = Player(recording.settings(adapt), adapt, Initial(), lambda *_: None)
+    player = Player(recording.settings(adapt), adapt, Initial(), Handlers())
     for entry in recording:
         player.take(entry)
         if entry.topic == CLOCK_TABLE.topic:

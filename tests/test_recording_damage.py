@@ -21,7 +21,7 @@ from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.replay import ReplayPort
 from imud.errors import BadDataError, ConfigError
 from imud.recording.file import RecordingFile
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.ports import expanded
 from imud.recording.source import Recording, adapter, group
 
@@ -56,7 +56,7 @@ def read(path):
     assert not failed
     adapt = adapter(None, (), None)
     made_with = recording.settings(adapt)
-    player = Player(made_with, adapt, Initial(), lambda *_: None, warn=recording.notes.append)
+    player = Player(made_with, adapt, Initial(), Handlers(warn=recording.notes.append))
     for entry in recording:
         player.take(entry)
     return made_with, recording.unix_less_monotonic_ns, recording.notes
@@ -175,7 +175,7 @@ def test_a_message_that_is_not_what_its_topic_promises_is_refused(said, tmp_path
 
 
 def test_a_repeated_connection_changes_nothing_unless_it_is_of_a_connection_that_was_lost():
-    player = Player(MADE_WITH, adapter(None, (), None), Initial(), lambda *_: None)
+    player = Player(MADE_WITH, adapter(None, (), None), Initial(), Handlers())
     sensors = []
     for changes in ({}, {"repeated": True}, {"t_ns": 3 * 10**9, "repeated": True}):
         player.take(Entry(CONNECTIONS, "", 10**9, connection(**changes)))

@@ -130,15 +130,20 @@ def import_statements(path):
     return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
+def origin(path, node):
+    """The absolute name of the module from which a statement of a file imports."""
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    stem = package[: len(package) + 1 - node.level] if node.level else ()
+    return in_folders(".".join((*stem, *filter(None, [node.module]))))
+
+
 def imported(path):
     """Absolute names of the modules that a file imports."""
-    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
     for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (in_folders(alias.name) for alias in node.names)
         else:
-            stem = package[: len(package) + 1 - node.level] if node.level else ()
-            yield in_folders(".".join((*stem, *filter(None, [node.module]))))
+            yield origin(path, node)
 
 
 def top(names):
@@ -236,6 +241,20 @@ def test_imud_is_the_only_name_that_is_imported():
         statements = import_statements(path)
         names = {node.module for node in statements if isinstance(node, ast.ImportFrom) and not node.level}
         assert not top(names) & {"drivers", "firmware_sim"}, path
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_are_relative_within_a_package_and_absolute_between_packages(package):
+    for path in files(package):
+        if "stand_in" in path.parts:  # top-level modules, in the place of spidev and gpiod
+            continue
+        statements = import_statements(path)
+        names = {alias.name for node in statements if isinstance(node, ast.Import) for alias in node.names}
+        assert package not in top(map(in_folders, names)), path
+        for node in statements:
+            if isinstance(node, ast.ImportFrom):
+                own = top({origin(path, node)}) == {package}
+                assert own == (node.level > 0), f"{path}:{node.lineno}"
 
 
 def test_sensors_do_not_know_outputs(graph):

@@ -27,7 +27,7 @@ from imud.firmware_sim.iio_polled import POLLED_CHIPS, RATE_HZ, PolledDevice
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 from imud.recording.messages import INNOVATION_TABLE
-from imud.recording.player import Player
+from imud.recording.player import Handlers, Player
 from imud.recording.source import Recording, adapter
 
 RPY = np.radians([10.0, -5.0, 30.0])
@@ -224,8 +224,7 @@ def test_a_daemon_is_aided_by_them_through_their_faults_and_the_recording_replay
         recording.settings(adapt),
         adapt,
         Initial(),
-        lambda *_: None,
-        on_aid=lambda _, new: innovations.append(new.copy()),
+        Handlers(aid=lambda _, new: innovations.append(new.copy())),
     )
     for entry in recording:
         player.take(entry)

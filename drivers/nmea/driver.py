@@ -50,7 +50,7 @@ class Nmea:
         return None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | Unsupported | None]:
-        """Leaves the receiver as it is, unless `options.fix_rate_hz` is set and it is a MediaTek."""
+        """Leaves the receiver as it is, unless `options.set_up_nmea` is set and it is a MediaTek."""
         yield Exchange()
         if identity.model == UNCHECKED and not options.unchecked:
             return Unsupported(self.name, identity.model, WITHOUT, identity.baud)
@@ -59,7 +59,7 @@ class Nmea:
             if not _has_position_kind(received) and _kinds(received) & READINGS.keys():
                 return GnssConfigured(replace(identity, model=SENSOR), positions=False)
             identity = replace(identity, model=RECEIVER)
-        if options.readonly or not options.fix_rate_hz or not identity.baud:
+        if options.readonly or not options.set_up_nmea or not identity.baud:
             return GnssConfigured(identity)
         if identity.model != MEDIATEK and not (yield from is_mtk(identity.baud)):
             return GnssConfigured(identity, ("not known to be a MediaTek receiver: left as it is",))

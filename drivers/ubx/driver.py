@@ -14,7 +14,6 @@ from .frames import SYNC
 from .setup import frames, set_up, streams, version
 
 UNNAMED = "u-blox receiver"
-RATE_HZ = 5.0  # unless the user wants another
 TOO_OLD = "it has no NAV-PVT, which receivers have from u-blox 7 on: have it send NMEA, and name its port DEV:nmea"
 
 
@@ -52,7 +51,7 @@ class Ubx:
                 return GnssConfigured(identity, ("the receiver does not answer: left as it is",))
             return None
         identity = replace(identity, model=found.model, firmware=found.firmware)
-        outcome = yield from set_up(found, identity.baud, options.fix_rate_hz or RATE_HZ, options.keep_baud)
+        outcome = yield from set_up(found, identity.baud, options.fix_rate_hz, options.keep_baud)
         if outcome.baud is None:
             return None
         identity = replace(identity, baud=outcome.baud)

@@ -45,7 +45,7 @@ def read(paths: Any) -> Recording:
 
     Raises UsageError (the package mcap is missing), InputMissingError, BadDataError.
     """
-    from ..recording.player import Player
+    from ..recording.player import Handlers, Player
     from ..recording.source import Recording as Source
     from ..recording.source import adapter
 
@@ -61,16 +61,11 @@ def read(paths: Any) -> Recording:
         samples.append(new_samples.copy())
         solutions.append(new_solutions.copy())
 
-    player = Player(
-        settings,
-        adapt,
-        Initial(),
-        step,
-        on_update=lambda _, new: innovations.append(new.copy()),
-        warn=source.notes.append,
-        on_fix=lambda fix: fixes.append(fix.copy()),
-        on_aid=lambda _, new: innovations.append(new.copy()),
-    )
+    def note(_: Records, new: Records) -> None:
+        innovations.append(new.copy())
+
+    handlers = Handlers(step, note, lambda fix: fixes.append(fix.copy()), note, source.notes.append)
+    player = Player(settings, adapt, Initial(), handlers)
     for entry in source:
         player.take(entry)
     if not samples:

@@ -98,6 +98,16 @@ class _Parser(argparse.ArgumentParser):
         self.exit(_USAGE, f"{self.prog}: {message}\n")
 
 
+class _Version(argparse.Action):
+    """Print the version, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from ..compile import library
+
+        print(f"imud {__version__}", library.outlook()[1], sep="\n")
+        parser.exit()
+
+
 def _parser(
     filled: Collection[str] = (), listed: Iterable[str] = COMMANDS
 ) -> tuple[argparse.ArgumentParser, list[argparse.ArgumentParser]]:
@@ -107,7 +117,7 @@ def _parser(
         description="Inertial sensor daemon: attitude, velocity and position from an IMU and a GNSS receiver.",
         epilog="`imud --port /dev/ttyUSB0` alone is `imud run --port /dev/ttyUSB0`. See also `imud COMMAND --help`.",
     )
-    parser.add_argument("--version", action="version", version=f"imud {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version, and what runs the kernels")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, prog="imud")
     for name in listed:
         summary = COMMANDS[name]

@@ -60,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..recording.samples import read_samples
-    from ..sensor_errors.noise import allan_deviation
     from ..sensor_errors.profiles import PROFILES
 
     refuse_overwriting([args.output, args.settings], [args.recording])
@@ -68,18 +67,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--sheet {args.sheet}: there is no such profile; known are {', '.join(PROFILES)}")
     samples, _, _ = read_samples(args.recording)
     rate_hz = _rate(args.recording, samples["t_ns"])
-    found: Found = {kind: {} for kind in _KINDS}
-    progress = Progress(6)
-    for number, (kind, column) in enumerate([(k, i) for k in _KINDS for i in range(3)]):
-        rates = samples["w" if kind == "gyro" else "f"][:, column]
-        try:
-            if np.ptp(rates) > 0.0:  # else the sensor has no such axis
-                found[kind]["xyz"[column]] = allan_deviation(rates, rate_hz)
-        except ValueError as error:
-            raise BadDataError(f"{args.recording}: {error}") from error
-        progress.at(number + 1)
-    if not any(found.values()):
-        raise BadDataError(f"{args.recording}: every axis is constant: there is no noise to measure")
+    found = _deviations(args.recording, samples, rate_hz)
     sheet, head, motion = PROFILES[args.sheet], _head(len(samples), rate_hz), _motion(samples, rate_hz)
     if args.json:
         print(json.dumps(_si_results(found, rate_hz)))
@@ -94,6 +82,25 @@ def run(args: argparse.Namespace) -> int:
         text = f"{head}\n{motion}".strip()
         _draw(args.output, f"imud allan: {args.recording.name}", text, found, sheet, args.sheet)
     return 0
+
+
+def _deviations(path: Path, samples: Any, rate_hz: float) -> Found:
+    """The Allan deviations of each axis that the sensor has. Raises BadDataError."""
+    from ..sensor_errors.noise import allan_deviation
+
+    found: Found = {kind: {} for kind in _KINDS}
+    progress = Progress(6)
+    for number, (kind, column) in enumerate([(k, i) for k in _KINDS for i in range(3)]):
+        rates = samples["w" if kind == "gyro" else "f"][:, column]
+        try:
+            if np.ptp(rates) > 0.0:  # else the sensor has no such axis
+                found[kind]["xyz"[column]] = allan_deviation(rates, rate_hz)
+        except ValueError as error:
+            raise BadDataError(f"{path}: {error}") from error
+        progress.at(number + 1)
+    if not any(found.values()):
+        raise BadDataError(f"{path}: every axis is constant: there is no noise to measure")
+    return found
 
 
 def _rate(path: Path, t_ns: Any) -> float:

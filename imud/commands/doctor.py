@@ -19,7 +19,7 @@ from typing import Literal
 
 from imud.drivers.transport import iio_sysfs
 
-from ..compile import build, library
+from ..compile import library
 from .probe import candidates
 
 _MARKS = {"ok": "ok  ", "note": "note", "problem": "FAIL"}
@@ -206,20 +206,14 @@ def iio_polled(root: Path) -> Iterator[Finding]:
 
 def kernels(root: Path) -> Iterator[Finding]:
     """Are they compiled, and if not, can they be?"""
-    if path := library.current():
-        yield Finding("ok", f"compiled kernels are in {path}")
-        return
-    try:
-        compiler = build.compiler()
-    except build.CannotBuildError:
-        mend = "sudo apt install gcc; or pip install ziglang"
-        if importlib.util.find_spec("numba"):
-            text = "no compiled kernels, no C compiler: numba compiles at the first start, for minutes"
-            yield Finding("note", text, mend)
-        else:
-            yield Finding("problem", "no compiled kernels, no C compiler, no numba: nothing can run", mend)
+    are_compiled, text = library.outlook()
+    mend = "unset IMUD_JIT" if library.numba_is_wanted() else "sudo apt install gcc; or pip install ziglang"
+    if are_compiled:
+        yield Finding("ok", text)
+    elif importlib.util.find_spec("numba"):
+        yield Finding("note", text, mend)
     else:
-        yield Finding("ok", f"the kernels will be compiled by {compiler[0]}, in some 15 s")
+        yield Finding("problem", f"{text}; but there is no numba: nothing can run", mend)
 
 
 CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (

@@ -18,8 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from imud import client
-
+from .. import client
 from ..errors import ConfigError, UsageError
 from ..estimators.records import FIX, SOLUTION
 from ..outputs.addresses import PORT, Address, parse_address

@@ -129,6 +129,9 @@ class RecordLoop:
         self._byte_sinks[port] = self._recorder.byte_sink(number)
         self._log.info("streaming", port=port.spec.path, device=configured.identity.model or driver.name)
 
+    def not_connected(self, port: Port) -> None:
+        """See `ports.PortOwner`."""
+
     def disconnected(self, port: Port) -> None:
         """See `ports.PortOwner`."""
         self._recorder.disconnected(self._ports.index(port), port.spec.path)

@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 
 from . import levels
-from .build import CannotBuildError, compile_c, compile_library
+from .build import UNTRANSLATABLE, CannotBuildError, compile_c, compile_library
 from .c import Translation, UnsupportedError
 from .seal import loaded_sources, seal
 
@@ -56,7 +56,10 @@ def main() -> int:
         else:
             _compile_levels(kernels, library, args.target)
         seal(library, loaded_sources())
-    except (UnsupportedError, CannotBuildError, OSError) as error:
+    except UnsupportedError as error:
+        print(error, file=sys.stderr)
+        return UNTRANSLATABLE
+    except (CannotBuildError, OSError) as error:
         print(f"imud.compile: {error}", file=sys.stderr)
         return 1
     return 0

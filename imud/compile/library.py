@@ -19,6 +19,7 @@ from .levels import level
 from .seal import ROOT, defect
 
 INSTALLED = Path(__file__).with_name("kernels.so")
+_WANTED = "IMUD_JIT is set"
 
 
 def candidates() -> list[Path]:
@@ -36,32 +37,57 @@ def current() -> Path | None:
     return next((path for path in candidates() if defect(path) is None), None)
 
 
+def outlook() -> tuple[bool, str]:
+    """Whether the next start will have a library, and a sentence about it. Builds nothing."""
+    if numba_is_wanted():
+        return False, f"numba compiles the kernels, in minutes: {_WANTED}"
+    if path := current():
+        return True, f"compiled kernels are in {path}"
+    from . import build
+
+    try:
+        compiler = build.compiler()
+    except build.CannotBuildError as error:
+        return False, f"numba compiles the kernels, in minutes: {error}"
+    return True, f"the kernels will be compiled by {compiler[0]} at the next start, in some 15 s"
+
+
 def origin() -> str:
-    """The library that this process's kernels are from, or numba."""
-    loaded = library()
-    return "numba" if loaded is None else loaded._name
+    """The library that this process's kernels are from; or numba, and why."""
+    loaded, why_numba = _loaded()
+    return f"numba: {why_numba}" if loaded is None else loaded._name
 
 
-@functools.cache
 def library() -> ctypes.CDLL | None:
     """The library of these sources, built if need be; None: numba has to compile. Once per process.
 
-    Raises UsageError if there is neither.
+    Raises UsageError if there is neither, or if a kernel has no translation to C.
     """
-    if os.environ.get("IMUD_JIT", "0") not in ("", "0"):
+    return _loaded()[0]
+
+
+def numba_is_wanted() -> bool:
+    """Whether the user has asked for numba instead of the library."""
+    return os.environ.get("IMUD_JIT", "0") not in ("", "0")
+
+
+@functools.cache
+def _loaded() -> tuple[ctypes.CDLL | None, str]:
+    """The library, or None and why numba has to compile."""
+    if numba_is_wanted():
         require_numba()
-        return None
+        return None, _WANTED
     if path := current():
-        return ctypes.CDLL(str(path))
+        return ctypes.CDLL(str(path)), ""
     from . import build, rebuild  # which most processes do not need
 
     try:
-        return ctypes.CDLL(str(rebuild.rebuild(candidates())))
+        return ctypes.CDLL(str(rebuild.rebuild(candidates()))), ""
     except (build.CannotBuildError, OSError) as error:
         print(f"imud: the kernels cannot be compiled ahead of time: {error}", file=sys.stderr)
         require_numba()
         print("imud: numba compiles them now, which takes minutes", file=sys.stderr, flush=True)
-        return None
+        return None, str(error)
 
 
 def require_numba() -> None:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ..errors import UsageError
 from . import build
 from .seal import ROOT, defect
 
@@ -19,7 +20,10 @@ LOCK_S = 60.0  # after which the next folder is tried; a build takes some 15 s
 
 
 def rebuild(candidates: Sequence[Path]) -> Path:
-    """Build the library at the first of these candidates that can be written. Raises CannotBuildError, OSError."""
+    """Build the library at the first of these candidates that can be written.
+
+    Raises UsageError if a kernel has no translation, CannotBuildError, OSError.
+    """
     build.compiler()
     with _locked(candidates) as path:
         if defect(path) is not None:  # no other process has built it meanwhile
@@ -65,7 +69,7 @@ def _try_lock(folder: int) -> bool:
 
 
 def _in_a_process(output: Path) -> None:
-    """Build in a process of its own, which ends with this one's wait. Raises CannotBuildError."""
+    """Build in a process of its own, which ends with this one's wait. Raises as `rebuild`."""
     command = [sys.executable, "-m", "imud.compile", str(output)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=ROOT) as process:
         try:
@@ -73,5 +77,7 @@ def _in_a_process(output: Path) -> None:
         except BaseException:  # a signal ends us
             os.killpg(process.pid, signal.SIGKILL)
             raise
+    if process.returncode == build.UNTRANSLATABLE:
+        raise UsageError(f"{errors.strip()}; docs/compile.md says what a kernel may use, IMUD_JIT=1 has numba run it")
     if process.returncode:
         raise build.CannotBuildError(errors.strip()[-2000:])

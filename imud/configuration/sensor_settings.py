@@ -124,7 +124,7 @@ class Gnss(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         bool,
         Meta(
             description="Set a MediaTek receiver up: faster line, fewer sentences, rate_hz. No @BAUD on its port then. "
-            "A u-blox receiver in UBX is set up anyway, for rate_hz if this is true, else for 5 Hz."
+            "A u-blox receiver in UBX is always set up, unless its port is readonly."
         ),
     ] = False
     rate_hz: Annotated[float, number(1.0, 10.0, "Hz", "Fixes per second, if it is set up.")] = 5.0

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..drivers.rtcm import RtcmFramer
-from ..drivers.transport.tcp import connect
+from imud.drivers.rtcm import RtcmFramer
+from imud.drivers.transport.tcp import connect
+
 from ..errors import ConfigError
 from ..process.log import get_logger
 

@@ -68,6 +68,7 @@ class Devices:
         self._pulse = choices.pulse(settings)
         self.corrections = _corrections(settings.gnss.rtcm) if settings.gnss.rtcm else None
         self._store = StateStore()
+        self._has_warned_without_imu = False
         self._closed_spares: dict[str, set[Port]] = {kind: set() for kind in _PARTS}
         self.spares = Spares(self._log.warning, settings)  # inertial sensors
         self._routes = ByteRoutes(self.ports, self.in_use, self.spares, recordings, self._descriptors)
@@ -237,10 +238,21 @@ class Devices:
         self._closed_spares[driver.kind].discard(port)
         self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
-        if self.in_use.imu is None and all(port.configured for port in self.ports):
-            self._log.warning("there is no inertial sensor on any port: only the receiver's fixes are passed on")
+        self._warn_without_imu()
         self.described = self.in_use.described()
         garbage.set_aside()
+
+    def not_connected(self, port: Port) -> None:
+        """An attempt has found no device that can be used."""
+        self._warn_without_imu()
+
+    def _warn_without_imu(self) -> None:
+        """Say once what becomes of a receiver alone, as soon as every port has been tried."""
+        if self.in_use.imu:
+            self._has_warned_without_imu = False
+        elif self.in_use.gnss and not self._has_warned_without_imu and not any(p.is_undecided for p in self.ports):
+            self._has_warned_without_imu = True
+            self._log.warning("no inertial sensor streams: only the receiver's fixes are passed on")
 
     def _use_aiding_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
         """A sensor streams that has no positions, but perhaps a heading, a speed or a pressure."""
@@ -281,6 +293,7 @@ class Devices:
         if is_replayed or not imu or driver.kind != "imu" or not isinstance(configured, ImuConfigured):
             self._closed_spares[driver.kind].add(port)
             port.release(what)
+            self._warn_without_imu()
             return
         own, known = self._settings_of(port, configured), calibration_of(configured.identity)
         self.spares.add(port, driver, configured, known, own, imu, time.monotonic_ns())

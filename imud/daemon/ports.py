@@ -55,11 +55,12 @@ def failure(error: PortError) -> ImudError:
 
 
 class PortOwner(Protocol):
-    """Owns the ports and polls their descriptors; is notified when a device begins or ceases to stream."""
+    """Owns the ports and polls their descriptors; is notified when a device begins, fails or ceases to stream."""
 
     def watch(self, port: "Port", fd: int) -> None: ...
     def unwatch(self, fd: int) -> None: ...
     def connected(self, port: "Port", driver: AnyDriver, configured: Configured) -> None: ...
+    def not_connected(self, port: "Port") -> None: ...
     def disconnected(self, port: "Port") -> None: ...
 
 
@@ -90,6 +91,11 @@ class Port:
         except PortError as error:
             if type(error) in _FATAL_AT_START or not self._wait:
                 raise failure(error) from error
+
+    @property
+    def is_undecided(self) -> bool:
+        """Whether it is not known yet, or being found out, which device is there."""
+        return self.description == _UNTRIED or self.state in (PortState.PROBING, PortState.CONFIGURING)
 
     @property
     def fd(self) -> int:
@@ -255,6 +261,7 @@ class Port:
         if not self._wait and not self.connects:
             raise DeviceAbsentError(why)
         self._schedule_attempt(why, same_as=same_as)
+        self._owner.not_connected(self)
 
     def _schedule_attempt(self, why: str, warn: bool = False, same_as: str = "") -> None:
         self._describe(f"{why}; trying again", warn, same_as)

@@ -9,10 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from imud.configuration.settings import Initial, Settings
-from imud.sensor_errors.stored_biases import Biases
-
+from ..configuration.settings import Initial, Settings
 from ..math.arrays import Floats, Records
+from ..sensor_errors.stored_biases import Biases
 from .aiding_source import AidingSource
 from .tuning import Tunable
 

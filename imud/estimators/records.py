@@ -43,6 +43,10 @@ SOURCE_KINDS = 8  # number of the codes below; arrays by source have this length
     BODY_VELOCITY_SOURCE,
     MAGNETOMETER_SOURCE,
 ) = range(SOURCE_KINDS)
+# places in `value`: of a pose, of the odometer, of the earth's field behind that of the magnetometer
+LAT_VALUE, LON_VALUE, HEIGHT_VALUE, YAW_VALUE = range(4)
+SPEED_VALUE, DIFFERENCE_VALUE = range(2)
+EARTH_NORTH_VALUE, EARTH_EAST_VALUE, EARTH_DOWN_VALUE = 3, 4, 5
 
 SOLUTION = np.dtype(
     [

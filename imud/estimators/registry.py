@@ -3,8 +3,8 @@
 import importlib
 
 from imud.drivers.plugins import plugins
-from imud.errors import UsageError
 
+from ..errors import UsageError
 from . import Estimator
 
 # what the user calls it: the module, and the estimator in it

@@ -14,7 +14,7 @@ from ..configuration.settings import Initial, Settings
 from ..errors import BadDataError
 from ..estimators.records import FIX
 from ..math.arrays import Records
-from ..recording.player import Player
+from ..recording.player import Handlers, Player
 from ..recording.source import Recording, adapter, print_notes
 from ..setup import config
 from ..tables.fixes import fixes_of_file
@@ -72,14 +72,12 @@ def _mcap(path: Path, file: Path | None, overrides: Sequence[str]) -> Recorded:
     blocks: list[Records] = []
     fixes: list[Records] = [np.zeros(0, FIX)]
     axes = (True, True, True)
-    player = Player(
-        recording.settings(adapt),
-        adapt,
-        Initial(),
+    handlers = Handlers(
         lambda samples, _: blocks.append(samples.copy()),
+        fix=lambda fix: fixes.append(fix.copy()),
         warn=recording.notes.append,
-        on_fix=lambda fix: fixes.append(fix.copy()),
     )
+    player = Player(recording.settings(adapt), adapt, Initial(), handlers)
     for entry in recording.entries(Player.TOPICS):
         player.take(entry)
         if entry.topic == CONNECTIONS and (connection := entry.connection()).kind == "imu" and connection.streaming:

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
+from ..errors import CannotCreateError, ConfigError, PermissionDeniedError
 
 if TYPE_CHECKING:
-    from imud.configuration.settings import Gpsd
+    from ..configuration.settings import Gpsd
 
 PORT = 2947  # gpsd's
 _BACKLOG = 128

@@ -4,11 +4,11 @@ import contextlib
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from imud.configuration.settings import Chrony, Settings
 from imud.drivers.fix import Fix
-from imud.process.contained import ContainedErrors
-from imud.process.log import get_logger
 
+from ..configuration.settings import Chrony, Settings
+from ..process.contained import ContainedErrors
+from ..process.log import get_logger
 from .binary import BinaryOutputs
 from .chrony import ChronyOutput
 from .gpsd import GpsdServer

@@ -6,12 +6,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import MAGIC, RECORD, VERSION
-from imud.compile.entry import entry
-from imud.compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
-from imud.configuration.settings import Settings
-from imud.estimators.records import SOLUTION
-
+from ..client import MAGIC, RECORD, VERSION
+from ..compile.entry import entry
+from ..compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
+from ..configuration.settings import Settings
+from ..estimators.records import SOLUTION
 from .listeners import Poller
 from .shared_memory import WORD, SharedMemory, write
 from .stream import CLIENT, StreamServer, send_all

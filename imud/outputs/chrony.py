@@ -18,7 +18,8 @@ import time
 from datetime import date
 
 from imud.drivers.fix import Fix
-from imud.errors import CannotCreateError, PermissionDeniedError
+
+from ..errors import CannotCreateError, PermissionDeniedError
 
 KEY = 0x4E545030
 _IPC_CREAT, _IPC_STAT = 0o1000, 2

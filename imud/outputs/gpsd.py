@@ -12,9 +12,8 @@ import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from imud.configuration.settings import Gpsd
-from imud.process.contained import ContainedErrors
-
+from ..configuration.settings import Gpsd
+from ..process.contained import ContainedErrors
 from .addresses import addresses_of
 from .connection import NEVER_NS, SECOND_NS, Connection
 from .gpsd_dialogue import (

@@ -14,9 +14,8 @@ from typing import Annotated
 
 import msgspec
 
-from imud import __version__
-from imud.configuration.fields import MESSAGE_RATE_HZ, number
-
+from .. import __version__
+from ..configuration.fields import MESSAGE_RATE_HZ, number
 from .gpsd_json import CLASSES, DEFAULT_CLASSES, Report
 from .gpsd_objects import iso, quoted
 from .view import Device

@@ -8,8 +8,7 @@ import math
 
 import numpy as np
 
-from imud.estimators.records import FIX
-
+from ..estimators.records import FIX
 from .gpsd_objects import Numbers, head, iso
 from .view import View
 

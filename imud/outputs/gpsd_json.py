@@ -12,7 +12,7 @@ import functools
 import math
 from collections.abc import Callable
 
-from imud.estimators.records import (
+from ..estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
     COASTING,
@@ -22,8 +22,7 @@ from imud.estimators.records import (
     REJECTING,
     SATURATED,
 )
-from imud.sensors.readings import NO_VECTOR, ReceiverReport
-
+from ..sensors.readings import NO_VECTOR, ReceiverReport
 from .gpsd_fix import fix_object
 from .gpsd_objects import Numbers, head, line, quoted, time_of
 from .gpsd_sky import sky_object

@@ -14,9 +14,8 @@ import termios
 import tty
 from pathlib import Path
 
-from imud.configuration.settings import Nmea
-from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
-
+from ..configuration.settings import Nmea
+from ..errors import CannotCreateError, ConfigError, PermissionDeniedError
 from .addresses import Address, is_local, parse_address
 from .connection import NEVER_NS, RateLimiter
 from .nmea_sentences import sentences

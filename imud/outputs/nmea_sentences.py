@@ -12,8 +12,7 @@ import operator
 import time
 from collections.abc import Callable
 
-from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
-
+from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID
 from .view import State, View, decode, euler
 
 _KNOT = 1852.0 / 3600.0  # m/s

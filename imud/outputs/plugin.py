@@ -3,8 +3,8 @@
 from typing import Protocol
 
 from imud.drivers.plugins import plugins
-from imud.errors import CannotCreateError, ConfigError
 
+from ..errors import CannotCreateError, ConfigError
 from .view import View
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, STALE_NS, boot_id
-from imud.compile.entry import entry
-from imud.compile.system import fence, pwrite, records
-from imud.errors import CannotCreateError, ImudError, PermissionDeniedError
-from imud.process.log import get_logger
+from ..client import LIVENESS, MAGIC, RECORD, SHARED_SIZE, STALE_NS, boot_id
+from ..compile.entry import entry
+from ..compile.system import fence, pwrite, records
+from ..errors import CannotCreateError, ImudError, PermissionDeniedError
+from ..process.log import get_logger
 
 WORD = np.dtype(np.uint64)
 _LOCK_BYTES = WORD.itemsize  # before the record

@@ -11,11 +11,10 @@ import socket
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import DIVISOR
-from imud.compile.jit import kernel
-from imud.compile.system import EAGAIN, errno, send
-from imud.configuration.settings import Stream as StreamSettings
-
+from ..client import DIVISOR
+from ..compile.jit import kernel
+from ..compile.system import EAGAIN, errno, send
+from ..configuration.settings import Stream as StreamSettings
 from .addresses import parse_path
 from .connection import SECOND_NS
 from .listeners import Listeners, Poller, RejectedError

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from imud.estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
-from imud.sensors.readings import NO_VECTOR, ClockFit, ReceiverReport
+from ..estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
+from ..sensors.readings import NO_VECTOR, ClockFit, ReceiverReport
 
 NAN = math.nan
 _GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are

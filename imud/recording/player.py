@@ -75,15 +75,24 @@ def ignore(*_: Any) -> None:
     """Take no notice."""
 
 
-class Player:
-    """Takes the messages of a recording one by one; not thread-safe.
+@dataclass(frozen=True)
+class Handlers:
+    """What is called during a replay.
 
-    on_step(samples, solutions): rows of SAMPLE and SOLUTION, valid until the next message. on_update(fix, innovations).
-    on_fix(fix): every fix that is used, also before there is an inertial sensor. on_aid(measurement, innovations): rows
-    of MEASUREMENT and INNOVATION. adapt: from recorded settings to those
-    of the replay. warn: called with warnings for the user. calibrated: whether the stored calibration corrects the
-    samples. calibration: instead of the stored one.
+    step: with rows of SAMPLE and SOLUTION, valid until the next message. update: with a fix (array of one FIX) that the
+    filter was given, and its innovations. fix: with every fix that is used, also before there is an inertial sensor.
+    aid: with a measurement (array of one MEASUREMENT) and its innovations. warn: with warnings for the user.
     """
+
+    step: Callable[[Records, Records], None] = ignore
+    update: Callable[[Records, Records], None] = ignore
+    fix: Callable[[Records], None] = ignore
+    aid: Callable[[Records, Records], None] = ignore
+    warn: Callable[[str], None] = ignore
+
+
+class Player:
+    """Takes the messages of a recording one by one; not thread-safe."""
 
     TOPICS = frozenset({READS, CONNECTIONS, AIDING, SETTINGS})  # of the messages that it needs
 
@@ -92,28 +101,23 @@ class Player:
         settings: Settings,
         adapt: Callable[[Any], Settings],
         initial: Initial,
-        on_step: Callable[[Records, Records], None],
-        on_update: Callable[[Records, Records], None] = ignore,
-        warn: Callable[[str], None] = ignore,
-        calibrated: bool = True,
-        on_fix: Callable[[Records], None] = ignore,
-        on_aid: Callable[[Records, Records], None] = ignore,
+        handlers: Handlers,
         calibration: Calibration | None = None,
     ) -> None:
+        """adapt: from recorded settings to those of the replay. calibration: instead of the recorded one."""
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
-        self._calibrated, self._calibration = calibrated, calibration
-        self._on_step, self._on_update, self._on_fix, self._warn = on_step, on_update, on_fix, warn
-        self._on_aid = on_aid
+        self._handlers = handlers
+        self._calibration = calibration
         self._steps = Steps(self._step)
-        self._selection = EstimatorSelection(settings, warn, initial)
+        self._selection = EstimatorSelection(settings, handlers.warn, initial)
         self._line = Replayed()
         self._pulse = ReplayedPulse()
         self._ports: dict[int, Inertial | Receiver] = {}
         self._connections: dict[int, Connection] = {}
         self._imu: Connection | None = None
-        self.reported: Fix | None = None  # the fix that on_fix gets, as its receiver reported it; None: not known
+        self.reported: Fix | None = None  # the fix that the handler gets, as its receiver reported it; None: not known
         self.now_ns = 0  # of the newest bytes
 
     @property
@@ -161,7 +165,7 @@ class Player:
 
     def _step(self, samples: Records, solutions: Records) -> None:
         self.samples += len(samples)
-        self._on_step(samples, solutions)
+        self._handlers.step(samples, solutions)
 
     def _receive(self, receiver: Receiver, raw: Raw) -> None:
         self.now_ns, self._pulse.pulse_ns = raw.t_ns, raw.pulse_ns
@@ -170,14 +174,14 @@ class Player:
             self._steps.flush()
         for fix in fixes:
             self.reported = receiver.last_used_fix if fix is fixes[-1] else None
-            self._on_fix(fix)
+            self._handlers.fix(fix)
             self._update(fix)
         self._measured(receiver)
 
     def _update(self, fix: Records) -> None:
         if self._selection.inertial is not None:
             self.fixes += 1
-            self._on_update(fix, self._selection.inertial.pipeline.filter.update(fix))
+            self._handlers.update(fix, self._selection.inertial.pipeline.filter.update(fix))
 
     def _measured(self, receiver: Receiver) -> None:
         """The readings of a receiver, as `daemon.publisher` uses them."""
@@ -185,7 +189,7 @@ class Player:
             filter_ = inertial.pipeline.filter
             for each in receiver.measured:
                 if (row := each.row(filter_.estimator.sources)) is not None:
-                    self._on_aid(row, filter_.aid(row))
+                    self._handlers.aid(row, filter_.aid(row))
         receiver.measured.clear()
 
     def _aid(self, message: dict[str, Any]) -> None:
@@ -194,7 +198,7 @@ class Player:
             return
         filter_ = inertial.pipeline.filter
         if (measurement := measurement_row(message, filter_.estimator.sources)) is not None:
-            self._on_aid(measurement, filter_.aid(measurement))
+            self._handlers.aid(measurement, filter_.aid(measurement))
 
     def _connect(self, connection: Connection) -> None:
         port = connection.port
@@ -208,8 +212,7 @@ class Player:
         driver = by_name(connection.driver)
         self._connections[port] = connection
         if driver.kind == "imu":
-            stored_one = msgspec.convert(_known(connection.calibration if self._calibrated else {}), Calibration)
-            known = self._calibration or stored_one
+            known = self._calibration or msgspec.convert(_known(connection.calibration), Calibration)
             biases = msgspec.convert(connection.biases, Biases) if connection.biases else None
             stored = Stored(biases, connection.checkpoint)
             self._ports[port] = self._selection.connect(

@@ -58,7 +58,7 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Replay one recording into its file. progress: called with the bytes done and all bytes. Raises ImudError."""
     from ..sensor_errors import calibration
     from ..tables.filter_states import write_states
-    from .player import Player
+    from .player import Handlers, Player
 
     begin = time.perf_counter()
     recording = Recording(job.paths)
@@ -73,9 +73,8 @@ def play(job: Job, progress: Callable[[int, int], None]) -> Outcome:
         def on_step(samples: "Records", solutions: "Records") -> None:
             tables.on_step(player.filter, samples, solutions)
 
-        player = Player(
-            settings, adapt, initial, on_step, tables.on_update, notes.append, on_aid=tables.on_aid, calibration=known
-        )
+        handlers = Handlers(on_step, tables.on_update, aid=tables.on_aid, warn=notes.append)
+        player = Player(settings, adapt, initial, handlers, known)
         for entry in recording.entries(Player.TOPICS):
             player.take(entry)
             progress(recording.read_bytes, recording.bytes)

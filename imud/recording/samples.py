@@ -14,11 +14,11 @@ from ..estimators.ins.aiding.magnetometer import SOURCE
 from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
 from ..progress import Progress
-from ..sensor_errors.calibration import name_of
+from ..sensor_errors.calibration import Calibration, name_of
 from ..tables.inputs import is_recording, read_imu
 from .measurements import measurement_row
 from .messages import AIDING
-from .player import Player
+from .player import Handlers, Player
 from .source import Recording, adapter, print_notes
 
 _BLOCK = 1 << 16
@@ -102,7 +102,8 @@ def _samples(path: Path, overrides: tuple[str, ...], calibrated: bool) -> tuple[
     adapt = adapter(None, overrides, "tilt")  # the cheapest estimator: only the samples are wanted
     gathered, names = _Gathered(), set[str]()
     notes, settings, progress = recording.notes, recording.settings(adapt), Progress(1000)
-    player = Player(settings, adapt, Initial(), gathered.add, warn=notes.append, calibrated=calibrated)
+    handlers = Handlers(gathered.add, warn=notes.append)
+    player = Player(settings, adapt, Initial(), handlers, None if calibrated else Calibration(""))
     for entry in recording.entries(Player.TOPICS):
         player.take(entry)
         if entry.topic == CONNECTIONS and (connection := entry.connection()).kind == "imu":

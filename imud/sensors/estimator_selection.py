@@ -49,6 +49,8 @@ class EstimatorSelection:
         an earlier run has `stored`. Raises UsageError if the sensor does not suffice for the estimator that the user
         asked for.
         """
+        if why := choices.unknown_profile(settings, configured.identity):
+            self._warn(why)
         settings = choices.settings_for(settings, configured.identity, port)
         self.estimator, why = self.choice.estimator_for(configured)
         if why:

@@ -229,9 +229,12 @@ class Receiver:
 
     def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
-        status = self.decoder.status
         if not self.positions:
             return "sensor: stale, nothing new comes" if now_ns - self.last_data_ns > STALE_FIX_NS else ""
+        return self._lack_of_fixes(now_ns) or self._wrong_time() or self._unusable_fixes(now_ns)
+
+    def _lack_of_fixes(self, now_ns: int) -> str:
+        status = self.decoder.status
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.last_data_ns <= STALE_FIX_NS
             fault = "tells no position, as GGA, RMC, GNS, GLL or TPV do" if talks else "stale, nothing new comes"
@@ -241,10 +244,16 @@ class Receiver:
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             untimed = self._last is None and self.decoder.counters.get("no time")
             return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
+        return ""
+
+    def _wrong_time(self) -> str:
         if self._backward_count >= STEADY:
             return "receiver: its time runs backward"
         if self._leap_count >= STEADY:
             return "receiver: its time jumps from fix to fix"
+        return ""
+
+    def _unusable_fixes(self, now_ns: int) -> str:
         if self._consistency.is_frozen:
             return "receiver: its position has never changed although its velocity says that it moves"
         if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:

@@ -14,7 +14,7 @@ from imud.drivers.transport.pps import PulsePerSecond
 from ..configuration.settings import Settings
 from ..errors import DeviceAbsentError, UsageError
 from ..estimators import Estimator, registry
-from ..sensor_errors.profiles import PROFILES
+from ..sensor_errors.profiles import DEFAULT, PROFILES
 
 RECORDED = "replay:"  # several ports may play one file
 NO_GYRO_ESTIMATOR = "tilt"  # the estimator for sensors that lack them
@@ -32,7 +32,8 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
         filter_taps=imu.filter_taps,
         self_test=imu.self_test,
         unchecked=not gnss.require_checksum,
-        fix_rate_hz=gnss.rate_hz if gnss.configure else 0.0,
+        fix_rate_hz=gnss.rate_hz,
+        set_up_nmea=gnss.configure,
     )
     specs = [_spec(text, settings) for text in settings.ports]
     named = Counter(str(spec) if spec.path.startswith(RECORDED) else spec.path for spec in specs)
@@ -116,6 +117,16 @@ def estimators(settings: Settings) -> Choice:
     if len(settings.ports) > 1:
         return Choice(registry.by_name("navigation"), NO_GYRO_ESTIMATOR, ONE_GYRO_ESTIMATOR)
     return Choice(registry.by_name("attitude"), NO_GYRO_ESTIMATOR)
+
+
+def unknown_profile(settings: Settings, identity: Identity) -> str:
+    """What to tell the user if the sensor's driver, a plug-in, names a noise profile that there is not; else empty."""
+    if settings.imu.profile != "auto" or identity.profile in ("", *PROFILES):
+        return ""
+    return (
+        f"the driver {identity.driver} names the noise profile {identity.profile!r}, which there is not: {DEFAULT} is "
+        f"assumed; set imu.profile or [noise]; there are {', '.join(PROFILES)}"
+    )
 
 
 def settings_for(settings: Settings, identity: Identity, port: int) -> Settings:

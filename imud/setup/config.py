@@ -156,7 +156,8 @@ def _unknown_names(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
     imu = table.get("imu")
     given = {"estimator": table.get("estimator"), "imu.profile": imu.get("profile") if isinstance(imu, dict) else None}
     if any(given.values()):
-        from ..drivers.plugins import plugins
+        from imud.drivers.plugins import plugins
+
         from ..estimators.registry import NAMES
         from ..sensor_errors.profiles import PROFILES
 

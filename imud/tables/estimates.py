@@ -15,7 +15,7 @@ from ..math.arrays import Floats
 from ..math.decimal import MAX_WIDTH, write_fixed, write_seconds
 from ..math.rotation import euler_of_quat
 
-# what stands in an estimate's row after t_s: name, decimals. Angles and rates in deg; 1e-10 deg is 11 um.
+# what stands in an estimate's row after t_s: name, decimals. Angles in deg; 1e-10 deg is 11 um.
 ESTIMATE_COLUMNS: tuple[tuple[str, int], ...] = (
     *(("lat_deg", 10), ("lon_deg", 10), ("height_m", 4)),
     *((f"v{axis}_mps", 5) for axis in "ned"),

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from imud.errors import ImudError
+from ...errors import ImudError
 
 if TYPE_CHECKING:
     from .table import Section

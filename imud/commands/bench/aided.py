@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 
-from imud.batch import NO_MEASUREMENT, in_order_of_arrival, play
-from imud.configuration.settings import Initial, Settings
-from imud.estimators import registry
-from imud.estimators.records import MAGNETOMETER_SOURCE
-from imud.pipeline import Filter
-
+from ...batch import NO_MEASUREMENT, in_order_of_arrival, play
+from ...configuration.settings import Initial, Settings
+from ...estimators import registry
+from ...estimators.records import MAGNETOMETER_SOURCE
 from ...math.arrays import Records
+from ...pipeline import Filter
 from . import signals
 from .table import Section
 from .throughput import timed

@@ -7,18 +7,18 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from imud import __version__
-from imud.configuration.settings import Initial, Record, Settings
 from imud.drivers.capture_messages import CONNECTIONS, READS, Connection, Entry, Raw, Reads, to_builtins
 from imud.drivers.driver import GnssConfigured, Identity, ImuConfigured
 from imud.firmware_sim import sentences
 from imud.firmware_sim.fixes import Fix
-from imud.recording.clock_fit import row_of
-from imud.recording.player import Player
-from imud.recording.protocol import MessageKind
-from imud.recording.writer import RecordingWriter
 
+from ... import __version__
+from ...configuration.settings import Initial, Record, Settings
 from ...math.arrays import Records
+from ...recording.clock_fit import row_of
+from ...recording.player import Handlers, Player
+from ...recording.protocol import MessageKind
+from ...recording.writer import RecordingWriter
 from . import signals
 
 IMU, GNSS = range(2)  # ports
@@ -71,7 +71,7 @@ def write_recording(path: Path, seconds: int) -> None:
     def on_update(fix: Records, innovations: Records) -> None:
         known.extend([(MessageKind.FIX, fix.copy()), (MessageKind.INNOVATIONS, innovations.copy())])
 
-    player = Player(settings, lambda recorded: settings, Initial(), on_step, on_update)
+    player = Player(settings, lambda recorded: settings, Initial(), Handlers(on_step, on_update))
     for port, configured in _CONFIGURED.items():
         kind, driver = ("imu", "epson") if port == IMU else ("gnss", "nmea")
         connection = Connection(START_NS, port, settings.ports[port], True, kind, driver, to_builtins(configured))

@@ -15,9 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imud.errors import ImudError
-from imud.process.python import python_command
-
+from ...errors import ImudError
+from ...process.python import python_command
 from . import reference
 from .race import Pacer, match_sequence, race
 from .table import Section

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from imud.errors import ImudError
-
+from ...errors import ImudError
 from .race import Contestant, Pacer, match_sequence, race
 from .table import Section
 

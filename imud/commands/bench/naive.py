@@ -9,9 +9,8 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.math.earth import STANDARD_GRAVITY
-
 from ...math.arrays import Floats
+from ...math.earth import STANDARD_GRAVITY
 from .signals import ACCEL_LSB, FRAME, GYRO_LSB
 
 _UNPACK = struct.Struct(">B9hHB").unpack

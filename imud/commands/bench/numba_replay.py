@@ -5,14 +5,13 @@ from typing import cast
 
 import numpy as np
 
-from imud.batch import play
-from imud.compile.entry import Entry
-from imud.compile.library import library
-from imud.configuration.settings import Initial, Settings
-from imud.errors import ImudError
-from imud.estimators import registry
-from imud.pipeline import Filter
-
+from ...batch import play
+from ...compile.entry import Entry
+from ...compile.library import library
+from ...configuration.settings import Initial, Settings
+from ...errors import ImudError
+from ...estimators import registry
+from ...pipeline import Filter
 from . import signals
 from .table import Section
 from .throughput import timed

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from imud.process import garbage
+from ...process import garbage
 
 
 class Observer:
@@ -27,7 +27,7 @@ class Observer:
 
     def watch(self) -> None:
         """To be called before the daemon starts."""
-        from imud.process.notify import Notifier
+        from ...process.notify import Notifier
 
         say = Notifier.send
 
@@ -86,7 +86,7 @@ def main() -> int:
     file, *arguments = sys.argv[1:]
     observer = Observer()
     observer.watch()
-    from imud.commands import main as imud
+    from .. import main as imud
 
     code = imud(arguments)
     Path(file).write_text(json.dumps(observer.report()))

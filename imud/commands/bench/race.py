@@ -17,10 +17,9 @@ import tty
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from imud.client import RECORD
-from imud.errors import ImudError
-from imud.process.python import python_command
-
+from ...client import RECORD
+from ...errors import ImudError
+from ...process.python import python_command
 from . import reference, signals
 from .throughput import new_pipeline
 

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from imud.commands import main
-from imud.errors import ImudError
-from imud.figures import available
-
+from ...errors import ImudError
+from ...figures import available
+from .. import main
 from .emulated import write_recording
 from .table import Section
 from .throughput import timed

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from imud.compile import c
-from imud.compile.c.kinds import stored
 from imud.drivers.sample import SAMPLE
-from imud.estimators.records import SOLUTION
-from imud.pipeline import Filter, InertialPipeline
 
+from ...compile import c
+from ...compile.c.kinds import stored
+from ...estimators.records import SOLUTION
 from ...math.arrays import Records
+from ...pipeline import Filter, InertialPipeline
 
 SOURCES = Path(__file__).resolve().parents[3] / "tests" / "c"
 FLAGS = ("-std=gnu11", "-O3", "-march=native", "-w")

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.sample import SAMPLE
-from imud.estimators.records import (
+
+from ...estimators.records import (
     BAROMETER_SOURCE,
     BODY_VELOCITY_SOURCE,
     FIX,
@@ -16,9 +17,8 @@ from imud.estimators.records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from imud.math.earth import STANDARD_GRAVITY
-
 from ...math.arrays import Records
+from ...math.earth import STANDARD_GRAVITY
 
 RATE_HZ = 1000
 REST_S = 5.0

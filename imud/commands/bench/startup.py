@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imud.errors import ImudError
-from imud.process.python import python_command
-
+from ...errors import ImudError
+from ...process.python import python_command
 from . import signals
 from .table import Section
 from .turns import Turns

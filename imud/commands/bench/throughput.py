@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from imud.batch import play
-from imud.configuration.settings import Initial, Settings
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.registry import by_name
-from imud.estimators import registry
-from imud.estimators.records import SOLUTION
-from imud.math.earth import STANDARD_GRAVITY
-from imud.pipeline import Filter, InertialPipeline
 
+from ...batch import play
+from ...configuration.settings import Initial, Settings
+from ...estimators import registry
+from ...estimators.records import SOLUTION
+from ...math.earth import STANDARD_GRAVITY
+from ...pipeline import Filter, InertialPipeline
 from . import naive, reference, signals
 from .table import Section
 from .turns import Turns

@@ -19,14 +19,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.commands import status, web
-from imud.commands.arguments import above_zero, add_settings, seed
-from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
-from imud.outputs.addresses import PORT, parse_address
-from imud.setup import config
 
+from ...errors import ImudError, UsageError
+from ...outputs.addresses import PORT, parse_address
+from ...setup import config
+from .. import status, web
+from ..arguments import above_zero, add_settings, seed
 from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
 from .processes import daemon, emulator, process, subscribe
@@ -91,9 +91,8 @@ def run(args: argparse.Namespace) -> int:
         assignments, emulation = aids.options(base, settings.aiding.listen)
         truth_file, listen, log = base / "truth.csv", base / "gpsd.sock", base / "daemon.log"
         print("imud demo: starting the emulator and the daemon", flush=True)
-        recordings = _recordings_folder() if args.web else None
         log_file = stack.enter_context(log.open("w"))
-        if recordings:
+        if recordings := _recordings_folder() if args.web else None:
             assignments = [*assignments, f"record.folder={json.dumps(str(recordings))}"]
         options = [
             *(f"--port={link}{aids.driver(link.name)}" for link in links),
@@ -109,11 +108,8 @@ def run(args: argparse.Namespace) -> int:
         )
         _first_line(emulated, "the emulator", log)
         if args.web:
-            page = ("web", "--listen=127.0.0.1:0", str(listen))
-            page_process = stack.enter_context(process(*page, stdout=subprocess.PIPE, stderr=log_file))
-            _show_in_browser(page_process, log)
-            if recordings:
-                print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
+            page = process("web", "--listen=127.0.0.1:0", str(listen), stdout=subprocess.PIPE, stderr=log_file)
+            _show_in_browser(stack.enter_context(page), log, recordings)
         code = _compare(client, truth_file, args.seconds, log)
         if aids.devices:
             print(aids.report(status.ask(parse_address(str(listen), PORT))))
@@ -135,12 +131,14 @@ def _first_line(started: subprocess.Popen[str], what: str, log: Path) -> str:
     return line
 
 
-def _show_in_browser(page: subprocess.Popen[str], log: Path) -> None:
-    """Print where the page is; open it where there is a screen."""
+def _show_in_browser(page: subprocess.Popen[str], log: Path, recordings: Path | None) -> None:
+    """Print where the page is, and where it may record; open it where there is a screen."""
     url = _first_line(page, "the live page", log)
     print(f"imud demo: live page at {url}", flush=True)
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
+    if recordings:
+        print(f"imud demo: its record button writes to {recordings}/imud-TIME.mcap", flush=True)
 
 
 class LiveComparison:

@@ -5,10 +5,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from imud.commands import status
 from imud.drivers.transport.iio_sysfs import ROOT
-from imud.errors import UsageError
 from imud.firmware_sim.device import OTHERS, POLLED, PROGRAMS
+
+from ...errors import UsageError
+from .. import status
 
 DEVICES = (*OTHERS, *POLLED, *PROGRAMS)
 WITHOUT_LINE = (*POLLED, *PROGRAMS)

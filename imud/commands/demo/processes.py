@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from imud.errors import ImudError
-from imud.process.python import python_command
+from ...errors import ImudError
+from ...process.python import python_command
 
 _RATE_HZ = 20
 _START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine

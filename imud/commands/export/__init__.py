@@ -19,6 +19,7 @@ from .track_files import TrackFiles
 
 if TYPE_CHECKING:
     from ...math.arrays import Records
+    from ...recording.source import Recording
     from ...smoothing import Segments
 
 
@@ -47,12 +48,87 @@ class Target(Protocol):
     def write_fix(self, fix: "Records") -> None: ...
 
 
-def _smoother(targets: "list[Target]", tracks: dict[str, Path]) -> "Segments":
-    """What smooths, for the tracks among the targets. Raises UsageError if none is asked for."""
-    from ...smoothing import Segments
+class _Export:
+    """Plays a recording into the outputs that the user asked for."""
 
-    if not tracks:
-        raise UsageError("export: --smooth is for --gpx, --kml and --geojson; of tables: imud replay --smooth")
+    def __init__(self, recording: "Recording", smoothed: bool) -> None:
+        from ...recording.player import Handlers, Player, ignore
+        from ...recording.source import adapter
+        from ...tables.filter_states import FilterStates
+
+        self._recording = recording
+        self._targets: list[Target] = []
+        self._folders: list[CsvFolder | ParquetFolder] = []  # the targets that have the filter's states, too
+        self._states = FilterStates()
+        self._smoother = _smoother(self._targets) if smoothed else None
+        on_update = self._smoother.take_fix if self._smoother else ignore
+        adapt = adapter(None, (), None)
+        self._settings = recording.settings(adapt)
+        handlers = Handlers(self._step, on_update, self._write_fix, self._write_measurement, recording.notes.append)
+        self._player = Player(self._settings, adapt, Initial(), handlers)
+
+    def _step(self, samples: "Records", solutions: "Records") -> None:
+        if self._smoother is not None:
+            self._smoother.step(self._player.filter, samples, solutions)
+        for target in self._targets:
+            target.step(samples, solutions)
+        if self._folders:
+            self._states.take(self._player.filter, int(solutions[-1]["t_ns"]))
+
+    def _write_fix(self, fix: "Records") -> None:
+        for target in self._targets:
+            target.write_fix(fix)
+
+    def _write_measurement(self, measurement: "Records", innovations: "Records") -> None:
+        if self._smoother is not None:
+            self._smoother.take_measurement(measurement, innovations)
+        sources = self._player.filter.estimator.sources
+        source = next(each for each in sources if each.kind == measurement[0]["kind"])
+        for folder in self._folders:
+            folder.write_measurement(source, measurement)
+
+    def open(self, args: argparse.Namespace, tracks: dict[str, Path], stack: ExitStack) -> None:
+        """Create the outputs."""
+        offset_ns = self._recording.unix_less_monotonic_ns
+        if args.csv:
+            self._folders.append(CsvFolder(args.csv, args.rate, stack))
+        if args.parquet:
+            self._folders.append(ParquetFolder(args.parquet, args.rate, stack))
+        self._targets += self._folders
+        if args.ros2:
+            from ...ros2.bag import Bag
+
+            lever_arm_m = self._settings.navigation.lever_arm_m
+            self._targets.append(Bag(args.ros2, args.rate, offset_ns, self._player, lever_arm_m, stack))
+        if tracks:
+            self._targets.append(TrackFiles(tracks, args.rate, offset_ns, stack))
+
+    def play(self) -> None:
+        """Write all of the recording. Raises BadDataError."""
+        recording, progress = self._recording, Progress(1000)
+        for entry in recording.entries(self._player.TOPICS):
+            self._player.take(entry)
+            progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
+        for folder in self._folders:
+            folder.write_states(self._states.rows)
+        progress.at(1000)
+        if self._smoother is not None:
+            self._smoother.finish()
+
+    def check(self) -> None:
+        """Note that there were no samples. Raises BadDataError if there were no fixes, either."""
+        if self._player.samples:
+            return
+        notes = self._recording.notes
+        problem = f"{self._recording.path}: no samples of an inertial sensor in it"
+        if not any(target.fixes for target in self._targets):
+            raise BadDataError("; ".join([problem, *notes]))
+        notes.append(f"{problem}: there are fixes only")
+
+
+def _smoother(targets: "list[Target]") -> "Segments":
+    """What smooths, for the tracks among the targets."""
+    from ...smoothing import Segments
 
     def write(solutions: "Records") -> None:
         for target in targets:
@@ -68,67 +144,16 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "export: name an output: --csv DIR, --parquet DIR, --ros2 OUT.mcap, --gpx, --kml or --geojson FILE"
         )
+    if args.smooth and not tracks:
+        raise UsageError("export: --smooth is for --gpx, --kml and --geojson; of tables: imud replay --smooth")
     refuse_overwriting([args.ros2, *tracks.values()], args.recording)
-    from ...recording.player import Player, ignore
-    from ...recording.source import Recording, adapter, print_notes
-    from ...tables.filter_states import FilterStates
+    from ...recording.source import Recording, print_notes
 
     recording = Recording(args.recording)
-    adapt = adapter(None, (), None)
-    settings, progress = recording.settings(adapt), Progress(1000)
-    targets: list[Target] = []
-    folders: list[CsvFolder | ParquetFolder] = []
-    states = FilterStates()
-    smoother = _smoother(targets, tracks) if args.smooth else None
-
-    def step(samples: "Records", solutions: "Records") -> None:
-        if smoother is not None:
-            smoother.step(player.filter, samples, solutions)
-        for target in targets:
-            target.step(samples, solutions)
-        if folders:
-            states.take(player.filter, int(solutions[-1]["t_ns"]))
-
-    def write_fix(fix: "Records") -> None:
-        for target in targets:
-            target.write_fix(fix)
-
-    def write_measurement(measurement: "Records", innovations: "Records") -> None:
-        if smoother is not None:
-            smoother.take_measurement(measurement, innovations)
-        source = next(each for each in player.filter.estimator.sources if each.kind == measurement[0]["kind"])
-        for folder in folders:
-            folder.write_measurement(source, measurement)
-
-    on_update = smoother.take_fix if smoother else ignore
-    player = Player(
-        settings, adapt, Initial(), step, on_update, recording.notes.append, on_fix=write_fix, on_aid=write_measurement
-    )
+    export = _Export(recording, args.smooth)
     with ExitStack() as stack:
-        offset_ns = recording.unix_less_monotonic_ns
-        if args.csv:
-            folders.append(CsvFolder(args.csv, args.rate, stack))
-        if args.parquet:
-            folders.append(ParquetFolder(args.parquet, args.rate, stack))
-        targets += folders
-        if args.ros2:
-            from ...ros2.bag import Bag
-
-            targets.append(Bag(args.ros2, args.rate, offset_ns, player, settings.navigation.lever_arm_m, stack))
-        if tracks:
-            targets.append(TrackFiles(tracks, args.rate, offset_ns, stack))
-        for entry in recording.entries(Player.TOPICS):
-            player.take(entry)
-            progress.at(1000 * recording.read_bytes // max(recording.bytes, 1))
-        for folder in folders:
-            folder.write_states(states.rows)
-        progress.at(1000)
-        if smoother is not None:
-            smoother.finish()
-    if not player.samples:
-        problem = f"{recording.path}: no samples of an inertial sensor in it"
-        if not any(target.fixes for target in targets):
-            raise BadDataError("; ".join([problem, *recording.notes]))
-        recording.notes.append(f"{problem}: there are fixes only")
+        export.open(args, tracks, stack)
+        export.play()
+    export.check()
     print_notes("export", recording.notes)
     return 0

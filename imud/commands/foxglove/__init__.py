@@ -3,8 +3,7 @@
 import argparse
 import importlib.util
 
-from imud.errors import ConfigError, UsageError
-
+from ...errors import ConfigError, UsageError
 from ..arguments import above_zero, add_live
 
 _PORT = 8765  # Foxglove's
@@ -26,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from imud.outputs.addresses import parse_address
+    from ...outputs.addresses import parse_address
 
     if importlib.util.find_spec("foxglove") is None:
         raise UsageError("the server for Foxglove needs foxglove-sdk: pip install 'imud[foxglove]'")

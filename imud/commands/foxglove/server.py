@@ -9,12 +9,12 @@ from typing import Any
 import foxglove
 import numpy as np
 
-from imud.errors import CannotCreateError
-from imud.outputs.addresses import Address, is_local, listen
-from imud.process.signals import caught, endings
-from imud.recording.enu import LocalMap
-from imud.recording.foxglove import encoded_location, encoded_transform, location, receiver_location, transform
-from imud.recording.messages import (
+from ...errors import CannotCreateError
+from ...outputs.addresses import Address, is_local, listen
+from ...process.signals import caught, endings
+from ...recording.enu import LocalMap
+from ...recording.foxglove import encoded_location, encoded_transform, location, receiver_location, transform
+from ...recording.messages import (
     ESTIMATE_TABLE,
     ESTIMATES,
     FIX_TABLE,
@@ -24,8 +24,7 @@ from imud.recording.messages import (
     RECEIVER_LOCATION,
     SCHEMAS,
 )
-from imud.sensors.gnss import position_sigma
-
+from ...sensors.gnss import position_sigma
 from ..live import follow
 
 _BACKLOG = 256  # messages that wait for a slow client; beyond that it loses the oldest

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.commands.files import input_file, refuse_overwriting
-from imud.errors import CannotCreateError, UsageError
+from ...errors import CannotCreateError, UsageError
+from ..files import input_file, refuse_overwriting
 
 if TYPE_CHECKING:
     from .session import Session
@@ -26,9 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def read(paths: list[Path]) -> "Session":
     """All files, with a bar as they are read. Raises InputMissingError, BadDataError, UsageError."""
-    from imud.progress import Progress
-    from imud.tables.inputs import is_recording
-
+    from ...progress import Progress
+    from ...tables.inputs import is_recording
     from .csv_files import read_table
     from .recording import read_recording
     from .session import merged
@@ -56,7 +55,7 @@ def distinct_labels(paths: list[Path]) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    from imud import figures
+    from ... import figures
 
     if not figures.available():
         raise UsageError("the page needs plotly: pip install 'imud[plots]'")

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers import sample as flag
-from imud.estimators.records import (
+
+from ...estimators.records import (
     AT_REST,
     ATTITUDE_VALID,
     COASTING,
@@ -17,8 +18,7 @@ from imud.estimators.records import (
     REJECTING,
     SATURATED,
 )
-from imud.figures import Figure, Panel, Trace
-
+from ...figures import Figure, Panel, Trace
 from ...math.arrays import Floats
 from .filter_states import filter_states
 from .innovations import consistency, whiteness

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from imud.drivers.sample import SAMPLE
-from imud.errors import BadDataError
-from imud.tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
-from imud.tables.filter_states import STATES_HEADER
-from imud.tables.inputs import IMU_COLUMNS, TEMPERATURE, read_fixes
-from imud.tables.lines import Table, table_of
 
+from ...errors import BadDataError
 from ...math.arrays import Floats
+from ...tables.estimates import ESTIMATE_HEADER, INNOVATION_COLUMNS
+from ...tables.filter_states import STATES_HEADER
+from ...tables.inputs import IMU_COLUMNS, TEMPERATURE, read_fixes
+from ...tables.lines import Table, table_of
 from .reduction import EstimateReduction, SensorReduction
 from .session import Fixes, Innovations, Part, Session, States
 

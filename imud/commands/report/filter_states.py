@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from imud.figures import Figure, Panel, Trace
-
+from ...figures import Figure, Panel, Trace
 from ...filter_state_names import STATES, FilterState
 from .session import TIME, Session
 from .settled import settled_range

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.estimators.innovation_kinds import KINDS
-from imud.estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, REST_N, REST_Z, SATURATED
-from imud.sensors.limits import LIMITS, is_beyond
-
+from ...estimators.innovation_kinds import KINDS
+from ...estimators.records import ASSUMED, ATTITUDE_VALID, REJECTING, REST_N, REST_Z, SATURATED
 from ...math.arrays import Floats
+from ...sensors.limits import LIMITS, is_beyond
 from .session import Clock, Estimates, Innovations, Session
 from .statistics import COUNT_MIN, autocorrelation, chi2_bounds, effective_number
 

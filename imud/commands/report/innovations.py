@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from imud.figures import Figure, Panel, Trace
-
+from ...figures import Figure, Panel, Trace
 from .session import TIME, Innovations
 from .statistics import autocorrelation, chi2_bounds, moving_mean
 

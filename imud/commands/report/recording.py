@@ -12,12 +12,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from imud.configuration.settings import Initial
 from imud.drivers.capture_messages import Entry
-from imud.errors import BadDataError
-from imud.estimators.filter_states import cells
-from imud.estimators.innovation_kinds import KINDS
-from imud.recording.messages import (
+
+from ...configuration.settings import Initial
+from ...errors import BadDataError
+from ...estimators.filter_states import cells
+from ...estimators.innovation_kinds import KINDS
+from ...math.arrays import Records
+from ...recording.messages import (
     CLOCK_TABLE,
     ESTIMATE_TABLE,
     EVENTS,
@@ -27,12 +29,10 @@ from imud.recording.messages import (
     STATES,
     Table,
 )
-from imud.recording.player import Player
-from imud.recording.source import Recording, adapter, print_notes
-from imud.recording.state_messages import states_rows
-from imud.tables.estimates import estimate_cells
-
-from ...math.arrays import Records
+from ...recording.player import Handlers, Player
+from ...recording.source import Recording, adapter, print_notes
+from ...recording.state_messages import states_rows
+from ...tables.estimates import estimate_cells
 from .reduction import EstimateReduction, SensorReduction
 from .session import Clock, Event, Fixes, Innovations, Part, Session, States
 
@@ -131,7 +131,7 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     """
     recording, found = Recording([path]), _Collector(name)
     adapt = adapter(None, (), "tilt")  # the cheapest estimator: only the samples are wanted
-    player = Player(recording.settings(adapt), adapt, Initial(), found.decoded, warn=recording.notes.append)
+    player = Player(recording.settings(adapt), adapt, Initial(), Handlers(found.decoded, warn=recording.notes.append))
     done = 0
     try:
         for entry in recording:

@@ -5,13 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.estimators.records import HEADING_VALID
-from imud.sensor_errors.profiles import PROFILES
-from imud.sensor_monitor.findings import counted
-from imud.sensor_monitor.health import check_samples, new_health
-from imud.tables.estimates import ESTIMATE_COLUMNS
-
+from ...estimators.records import HEADING_VALID
 from ...math.arrays import Floats, Records
+from ...sensor_errors.profiles import PROFILES
+from ...sensor_monitor.findings import counted
+from ...sensor_monitor.health import check_samples, new_health
+from ...tables.estimates import ESTIMATE_COLUMNS
 from .envelope import Envelope
 from .session import Estimates, Sensor
 

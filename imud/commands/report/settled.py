@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from imud.figures import Trace
+from ...figures import Trace
 
 SETTLED = 5.0  # of the median of sigma: more is the start, or an outage
 CROWDED, MARGIN = 1.5, 0.05  # of the settled signal's range

@@ -5,11 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from imud.compile.jit import interpreted
-from imud.figures import Figure, Panel, Trace
-from imud.math.earth import radii
-
+from ...compile.jit import interpreted
+from ...figures import Figure, Panel, Trace
 from ...math.arrays import Floats
+from ...math.earth import radii
 from .session import TIME, Fixes, Session
 
 RADIUS_95 = math.sqrt(-2.0 * math.log(0.05))  # of a plane normal distribution, in sigmas

@@ -2,8 +2,7 @@
 
 import argparse
 
-from imud.errors import UsageError
-
+from ...errors import UsageError
 from ..arguments import add_live
 
 _PACKAGES = {"rclpy", "sensor_msgs", "nav_msgs", "tf2_msgs", "diagnostic_msgs"}

@@ -18,16 +18,16 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from imud.client import AidingSender
 from imud.drivers.sample import SAMPLE
-from imud.errors import UsageError
-from imud.process.signals import caught, endings
-from imud.recording.enu import Vector
-from imud.ros2.converter import Converter, Message
-from imud.ros2.definitions import STATIC, TOPICS
-from imud.ros2.messages import Diagnosis, Sigmas, filter_diagnosis
-from imud.sensor_errors.profiles import DEFAULT, PROFILES, SampleSigma, sample_sigmas
 
+from ...client import AidingSender
+from ...errors import UsageError
+from ...process.signals import caught, endings
+from ...recording.enu import Vector
+from ...ros2.converter import Converter, Message
+from ...ros2.definitions import STATIC, TOPICS
+from ...ros2.messages import Diagnosis, Sigmas, filter_diagnosis
+from ...sensor_errors.profiles import DEFAULT, PROFILES, SampleSigma, sample_sigmas
 from ..live import follow
 from ..status import nested
 

@@ -18,10 +18,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imud.commands.arguments import above_zero, seed
-from imud.errors import ImudError, UsageError
 from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
+
+from ...errors import ImudError, UsageError
+from ..arguments import above_zero, seed
 
 if TYPE_CHECKING:
     from .received import Counts, EstimateReader, StreamReader
@@ -65,72 +66,100 @@ def run(args: argparse.Namespace) -> int:
     except spec.SpecError as error:
         raise UsageError(f"--faults: {error}") from error
     with tempfile.TemporaryDirectory(prefix="imud-soak-") as folder, contextlib.ExitStack() as stack:
-        return _soak(args, Path(folder), stack)
+        soak = _Soak(args, Path(folder), stack)
+        soak.watch(60.0 * args.minutes)
+        return soak.end()
 
 
-def _soak(args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> int:
-    from ..demo.processes import daemon, emulator, subscribe
-    from . import table
-    from .received import EstimateReader, StreamReader, status_of, take_priority_of
-    from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock, require_ended_well
-    from .waits import ProcessorWaits
+class _Soak:
+    """The daemon, the emulator and the clients of one run."""
 
-    links = [base / name for name in _DEVICES]
-    gpsd, stream, log = base / "gpsd.sock", base / "stream", base / "daemon.log"
-    settings, truth_file, emulator_log = base / "soak.toml", base / "truth.csv", base / "emulator.log"
-    settings.write_text(CONFIGURATION.format(10))
-    chosen = [f"stream.listen={json.dumps(str(stream))}", f"record.path={json.dumps(str(base / 'soak.mcap'))}"]
-    chosen += ["record.budget_mb=500", "record.file_mb=100", *args.set]
-    clock = WallClock(base)
-    print(f"imud soak: {args.minutes:g} min, faults {args.faults or 'none'}", flush=True)
-    if clock.missing:
-        print(f"imud soak: no clock steps: {clock.missing}", flush=True)
-    environment = {"XDG_RUNTIME_DIR": str(base), "XDG_STATE_HOME": str(base), **clock.environment}
-    options = [*(f"--port={link}" for link in links), *(f"--set={assignment}" for assignment in chosen)]
-    options += [f"--listen={gpsd}", f"--config={settings}"]
-    logs = [stack.enter_context(path.open("w")) for path in (log, emulator_log)]
-    session: dict[str, Any] = {"start_new_session": True}  # as a service: each has its share (sched(7), autogroup)
-    served = stack.enter_context(daemon(base, log, environment, *options, stderr=logs[0], **session))
-    reader = stack.enter_context(contextlib.closing(StreamReader(stream)))
-    estimates = EstimateReader(stack.enter_context(subscribe(gpsd)), truth_file)
-    drive = args.scenario, args.seed, args.faults, truth_file
-    emulated = stack.enter_context(
-        emulator(_DEVICES, links, *drive, stdout=subprocess.DEVNULL, stderr=logs[1], **session)
-    )
-    for pid in (emulated.pid, reader.pid):
-        take_priority_of(served.pid, pid)
-    clients = stack.enter_context(contextlib.closing(StalledClients(gpsd, stream)))
-    troubles = Troubles(served, clients, clock, settings, min(args.minutes / _CALM_MINUTES, 1.0))
-    print(table.HEAD, flush=True)
-    memory: list[int] = []
-    waits = ProcessorWaits({"daemon": served.pid, "emulator": emulated.pid, "client": reader.pid})
-    row_s = _ROW_S
-    with contextlib.suppress(KeyboardInterrupt):
-        for elapsed_s in _turns(60.0 * args.minutes, reader, estimates, troubles):
-            clients.flood()
-            require_ended_well(served, log)
-            status = status_of(gpsd)
-            memory.append(status["memory_bytes"])
-            waits.update()
-            if elapsed_s >= row_s:
-                row_s += _ROW_S
-                print(table.row(elapsed_s, status, reader.counts()), flush=True)
-    if memory:  # the rest of a minute, or a short run's only line
-        print(table.row(elapsed_s, status, reader.counts()), flush=True)
-    emulated.send_signal(signal.SIGTERM)
-    emulated.wait(10.0)
-    end_s = time.monotonic() + _SETTLE_S
-    while time.monotonic() < end_s:
-        _wait(estimates, 0.1)
-    states = reader.counts()
-    if not states.count:
-        raise ImudError(f"soak: no state came; the daemon's log:\n{log.read_text()[-3000:]}")
-    made = _losses(status_of(gpsd), states, emulator_log.read_text())
-    print(table.summary(made, states, estimates.comparison, troubles.counts, memory, waits.waits))
-    if states.longest_gap_s > _LONG_GAP_S:
-        print("\nof the daemon's log, as the sensor was away for long:")
-        print(*table.lines_of_port(log.read_text(), "g350"), sep="\n")
-    return 1 if made.lost or made.internal_errors else 0
+    def __init__(self, args: argparse.Namespace, base: Path, stack: contextlib.ExitStack) -> None:
+        """Start them. base: the folder for their sockets, logs and settings."""
+        from ..demo.processes import daemon, emulator, subscribe
+        from .received import EstimateReader, StreamReader, take_priority_of
+        from .troubles import CONFIGURATION, StalledClients, Troubles, WallClock
+        from .waits import ProcessorWaits
+
+        links = [base / name for name in _DEVICES]
+        self._gpsd, stream, truth_file, settings = (
+            base / "gpsd.sock",
+            base / "stream",
+            base / "truth.csv",
+            base / "soak.toml",
+        )
+        self._daemon_log, self._emulator_log = base / "daemon.log", base / "emulator.log"
+        settings.write_text(CONFIGURATION.format(10))
+        chosen = [f"stream.listen={json.dumps(str(stream))}", f"record.path={json.dumps(str(base / 'soak.mcap'))}"]
+        chosen += ["record.budget_mb=500", "record.file_mb=100", *args.set]
+        clock = WallClock(base)
+        print(f"imud soak: {args.minutes:g} min, faults {args.faults or 'none'}", flush=True)
+        if clock.missing:
+            print(f"imud soak: no clock steps: {clock.missing}", flush=True)
+        environment = {"XDG_RUNTIME_DIR": str(base), "XDG_STATE_HOME": str(base), **clock.environment}
+        options = [*(f"--port={link}" for link in links), *(f"--set={assignment}" for assignment in chosen)]
+        options += [f"--listen={self._gpsd}", f"--config={settings}"]
+        logs = [stack.enter_context(path.open("w")) for path in (self._daemon_log, self._emulator_log)]
+        session: dict[str, Any] = {"start_new_session": True}  # as a service: each its share (sched(7), autogroup)
+        self._daemon = stack.enter_context(
+            daemon(base, self._daemon_log, environment, *options, stderr=logs[0], **session)
+        )
+        self._reader = stack.enter_context(contextlib.closing(StreamReader(stream)))
+        self._estimates = EstimateReader(stack.enter_context(subscribe(self._gpsd)), truth_file)
+        drive = args.scenario, args.seed, args.faults, truth_file
+        self._emulator = stack.enter_context(
+            emulator(_DEVICES, links, *drive, stdout=subprocess.DEVNULL, stderr=logs[1], **session)
+        )
+        pids = {"daemon": self._daemon.pid, "emulator": self._emulator.pid, "client": self._reader.pid}
+        for name in ("emulator", "client"):
+            take_priority_of(pids["daemon"], pids[name])
+        self._clients = stack.enter_context(contextlib.closing(StalledClients(self._gpsd, stream)))
+        pace = min(args.minutes / _CALM_MINUTES, 1.0)
+        self._troubles = Troubles(self._daemon, self._clients, clock, settings, pace)
+        self._waits = ProcessorWaits(pids)
+        self._memory: list[int] = []
+
+    def watch(self, seconds: float) -> None:
+        """Let it run, with its troubles, and print a row a minute."""
+        from . import table
+        from .received import status_of
+        from .troubles import require_ended_well
+
+        print(table.HEAD, flush=True)
+        row_s = _ROW_S
+        with contextlib.suppress(KeyboardInterrupt):
+            for elapsed_s in _turns(seconds, self._reader, self._estimates, self._troubles):
+                self._clients.flood()
+                require_ended_well(self._daemon, self._daemon_log)
+                status = status_of(self._gpsd)
+                self._memory.append(status["memory_bytes"])
+                self._waits.update()
+                if elapsed_s >= row_s:
+                    row_s += _ROW_S
+                    print(table.row(elapsed_s, status, self._reader.counts()), flush=True)
+        if self._memory:  # the rest of a minute, or a short run's only line
+            print(table.row(elapsed_s, status, self._reader.counts()), flush=True)
+
+    def end(self) -> int:
+        """End the emulator, and print who has lost what; the exit code. Raises ImudError."""
+        from . import table
+        from .received import status_of
+
+        self._emulator.send_signal(signal.SIGTERM)
+        self._emulator.wait(10.0)
+        end_s = time.monotonic() + _SETTLE_S
+        while time.monotonic() < end_s:
+            _wait(self._estimates, 0.1)
+        states, log = self._reader.counts(), self._daemon_log.read_text()
+        if not states.count:
+            raise ImudError(f"soak: no state came; the daemon's log:\n{log[-3000:]}")
+        made = _losses(status_of(self._gpsd), states, self._emulator_log.read_text())
+        counts = self._troubles.counts
+        print(table.summary(made, states, self._estimates.comparison, counts, self._memory, self._waits.waits))
+        if states.longest_gap_s > _LONG_GAP_S:
+            print("\nof the daemon's log, as the sensor was away for long:")
+            print(*table.lines_of_port(log, "g350"), sep="\n")
+        return 1 if made.lost or made.internal_errors else 0
 
 
 def _losses(status: dict[str, Any], states: "Counts", emulated: str) -> "Losses":

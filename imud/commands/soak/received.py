@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imud.client import RECORD
-from imud.errors import ImudError
-from imud.process.python import python_command
-
+from ...client import RECORD
+from ...errors import ImudError
+from ...process.python import python_command
 from ..demo import LiveComparison
 from ..demo.comparison import Comparison
 

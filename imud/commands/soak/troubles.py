@@ -13,8 +13,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-from imud.errors import ImudError
-
+from ...errors import ImudError
 from ..bench import reference
 
 _STALLED = 8  # clients of each kind that never read

@@ -3,7 +3,7 @@
 import argparse
 import importlib.util
 
-from imud.errors import ConfigError, UsageError
+from ...errors import ConfigError, UsageError
 
 _NEEDED = ("aiohttp", "plotly")
 _PAGE_PORT, _DAEMON_PORT = 8080, 2947
@@ -38,7 +38,7 @@ def require() -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from imud.outputs.addresses import parse_address
+    from ...outputs.addresses import parse_address
 
     require()
     from .server import serve

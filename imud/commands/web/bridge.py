@@ -7,8 +7,8 @@ import asyncio
 import json
 from typing import Any, NamedTuple
 
-from imud.commands.status.notable_states import notable_states
-from imud.outputs.addresses import Address
+from ...outputs.addresses import Address
+from ..status.notable_states import notable_states
 
 RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY,TPV"}

@@ -19,10 +19,9 @@ from pathlib import Path
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
-from imud import figures
-from imud.errors import ImudError
-from imud.outputs.addresses import Address, address_text, is_local, listen
-
+from ... import figures
+from ...errors import ImudError
+from ...outputs.addresses import Address, address_text, is_local, listen
 from ..status import ask
 from ..status.metrics import CONTENT_TYPE, prometheus
 from .bridge import Bridge

@@ -11,6 +11,16 @@ _CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.int64": INT, "np.uint64"
 _ROUNDED = {"math.floor": "floor", "math.ceil": "ceil"}  # to an int, as Python has it
 _TESTS = ("isfinite", "isnan", "isinf")
 _LIBRARY = ("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod")  # the same bits in every C library
+_INSTEAD = {  # of what numba has and C not
+    "round": "int(np.rint(x))",
+    "sum": "a loop",
+    "divmod": "x // y and x % y",
+    "np.abs": "abs(x)",
+    "np.maximum": "max(x, y)",
+    "np.minimum": "min(x, y)",
+    "np.pow": "x ** n, with a constant n",
+    "np.zeros": "np.empty(N), with a constant N, and a loop",
+}
 _OWN = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "hypot", "erf")
 
 
@@ -43,7 +53,7 @@ def call(of: Operands, node: ast.Call) -> Value:
     if (external := getattr(callee, "external", None)) is not None:
         return f"{of.unit.system_call(external)}({', '.join(of.text(a) for a in node.args)})", INT
     if not hasattr(callee, "py_func"):
-        of.fail(node, "call")
+        of.fail(node, f"call{_advice(name)}")
     return _kernel(of, node, callee)
 
 
@@ -78,8 +88,12 @@ def _library(of: Operands, node: ast.Call, name: str) -> Value:
     if name in _OWN:
         of.fail(node, f"function, which differs from machine to machine; use imud.drivers.elementary.{name} for this")
     if name not in _LIBRARY:
-        of.fail(node, "function of a library")
+        of.fail(node, f"function of a library{_advice(f'np.{name}')}")
     return f"{name}({texts})", FLOAT
+
+
+def _advice(name: str) -> str:
+    return f"; write {_INSTEAD[name]}" if name in _INSTEAD else ""
 
 
 def _length(of: Operands, node: ast.Call) -> Value:

@@ -68,9 +68,10 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
     align=True,
 )
 
-EARTH = np.dtype(  # what depends on the position, evaluated where `position` says
+EARTH = np.dtype(  # what depends on the position, evaluated at this one
     [
-        ("position", "<f8", (2,)),  # latitude rad, height m
+        ("lat", "<f8"),  # rad
+        ("height", "<f8"),  # m
         ("sin_lat", "<f8"),
         ("cos_lat", "<f8"),
         ("tan_lat", "<f8"),
@@ -110,6 +111,11 @@ COVARIANCE = np.dtype(
     align=True,
 )
 
+MOTION_CLASS = np.dtype(  # of windows at rest, or in slow motion: their log gyro deviations
+    [("count", "<f8"), ("mean", "<f8"), ("variance", "<f8")],
+    align=True,
+)
+
 STATIONARITY = np.dtype(
     [
         # the present window
@@ -120,12 +126,15 @@ STATIONARITY = np.dtype(
         ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("sum_w2", "<f8"),
         ("sum_f2", "<f8"),
-        ("sum_difference2", "<f8", (2,)),  # of differences between successive rates, and specific forces
+        ("sum_rate_difference2", "<f8"),  # of differences between successive rates
+        ("sum_force_difference2", "<f8"),  # and specific forces
         # of complete windows
         ("mean_w", "<f8", (3,)),
         ("mean_f", "<f8", (3,)),
-        # most that the means have changed lately, squared, per s: level rate, vertical rate, rad^2/s^3; force, m^2/s^5
-        ("max_rate_of_change", "<f8", (3,)),
+        # most that the means have changed lately, squared, per s
+        ("level_rate_change2", "<f8"),  # rad^2/s^3
+        ("vertical_rate_change2", "<f8"),  # rad^2/s^3
+        ("force_change2", "<f8"),  # m^2/s^5
         ("mean_down", "<f8", (3,)),  # unit vector, body: the vertical, averaged
         ("tilt_range2", "<f8"),  # rad^2, most by which the vertical has differed from it lately, squared
         ("level_accel2", "<f8"),  # m^2/s^4, largest level acceleration lately, squared
@@ -133,7 +142,8 @@ STATIONARITY = np.dtype(
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
         ("stationary_count", "<i8"),  # and of none
-        ("motion_class", "<f8", (2, 3)),  # at rest, in slow motion: count, mean and variance of the log gyro deviation
+        ("rest_class", MOTION_CLASS),
+        ("slow_motion_class", MOTION_CLASS),
         ("log_likelihood_ratio", "<f8"),  # of rest against slow motion, summed over windows
         ("gyro_noise_floor", "<f8"),  # rad/s, smallest gyro deviation measured
         ("vibration_level", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is

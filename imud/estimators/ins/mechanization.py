@@ -81,10 +81,10 @@ def ned_to_body(c: Core, x: Vector) -> Vector:
 def update_earth(c: Core) -> None:
     """Evaluate radii and gravity at the position, again after a change of some 0.6 m."""
     n, e = c.nav, c.earth
-    near = abs(n.lat - e.position[0]) < EARTH_TOLERANCE * e.cos_lat
-    if near and abs(n.height - e.position[1]) < EARTH_TOLERANCE * SEMI_MAJOR_M:
+    near = abs(n.lat - e.lat) < EARTH_TOLERANCE * e.cos_lat
+    if near and abs(n.height - e.height) < EARTH_TOLERANCE * SEMI_MAJOR_M:
         return
-    e.position[0], e.position[1] = n.lat, n.height
+    e.lat, e.height = n.lat, n.height
     e.sin_lat, e.cos_lat = elementary.sin(n.lat), bounded_cosine(n.lat)
     e.tan_lat = e.sin_lat / e.cos_lat
     meridian, prime_vertical = radii_by_sine(e.sin_lat)

@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 
-from imud.configuration.settings import Settings
-from imud.sensor_errors.profiles import profile_of
-
+from ...configuration.settings import Settings
 from ...math.arrays import Records
+from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 from . import (
     damaged_readings,
@@ -71,6 +70,13 @@ TUNABLES = (
         "s",
         "Time in which a bias walks by its instability.",
         "Allan variance: K^2 tau / 3 = B^2 where it is flat, at 300 s.",
+    ),
+    Tunable(
+        "limit_sigmas",
+        3.0,
+        "sigma",
+        "Sigmas by which an estimate must be beyond a limit before it counts as beyond it.",
+        "Three sigma.",
     ),
     *error_model.TUNABLES,
     *heading_boresight.TUNABLES,

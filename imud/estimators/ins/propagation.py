@@ -36,6 +36,7 @@ TUNABLES = (
         "One lost sample makes 2 periods.",
     ),
     Tunable("gap_s", 0.1, "s", "Gap between samples beyond which the motion is extrapolated.", "Choice."),
+    Tunable("long_gap_periods", 5.0, "periods", "The same in sample periods: the longer one holds.", "Slow sensors."),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(
@@ -102,9 +103,9 @@ def gap_variances(p: Parameters, c: Core, w: Reals, f: Reals, dt: float) -> tupl
     for i in range(3):
         jump_f2 = max(jump_f2, (f[i] - c.imu.f[i]) ** 2)
     jump2, vibration2 = turned[0] ** 2 + turned[1] ** 2, s.vibration_gyro_psd / psd
-    level = gap_variance(p, jump2, dt, s.max_rate_of_change[0], vibration2, p.tuning.gap_turn)
-    vertical = gap_variance(p, turned[2] ** 2, dt, s.max_rate_of_change[1], vibration2, p.tuning.gap_turn)
-    accel = gap_variance(p, jump_f2, dt, s.max_rate_of_change[2], s.vibration_accel_psd / psd, p.tuning.gap_accel)
+    level = gap_variance(p, jump2, dt, s.level_rate_change2, vibration2, p.tuning.gap_turn)
+    vertical = gap_variance(p, turned[2] ** 2, dt, s.vertical_rate_change2, vibration2, p.tuning.gap_turn)
+    accel = gap_variance(p, jump_f2, dt, s.force_change2, s.vibration_accel_psd / psd, p.tuning.gap_accel)
     x, y, _ = body_to_ned(c, mean_rate(c, w))
     leaning2 = (level_share(p, dt) * dt) ** 2 * (x * x + y * y)
     accel = max(accel, 0.25 * s.level_accel2)
@@ -189,7 +190,7 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
     dt = min(dt, p.tuning.longest_gap_s)
     is_gap = dt > p.tuning.gap_periods * p.period
     variances = gap_variances(p, c, w, f, dt) if is_gap else (0.0, 0.0, 0.0)
-    if dt > max(p.tuning.gap_s, 5.0 * p.period):
+    if dt > max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period):
         extrapolate_gap(p, c, w, f, dt, variances)
     else:
         mechanize(p, c, w, f, dt)

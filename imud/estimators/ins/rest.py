@@ -43,6 +43,13 @@ TUNABLES = (
         "Largest variance of a velocity that allows a rest.",
         "A prototype on recorded drives.",
     ),
+    Tunable(
+        "known_rest_speed",
+        1.0,
+        "m/s",
+        "Largest estimated speed of a body that a fix says is at rest, beyond limit_sigmas.",
+        "Choice: the fix knows better.",
+    ),
     Tunable("rest_log_likelihood", 3.0, "", "Log likelihood ratio that proves rest.", "Odds of 20 to 1."),
 )
 
@@ -66,8 +73,9 @@ def speed_allows_rest(p: Parameters, c: Core) -> bool:
         return bool(known or s.stationary_count > p.tuning.long_rest_windows)
     speed2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2 + c.nav.v_n[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
+    error2 = p.tuning.limit_sigmas**2 * s2
     return bool(
-        (known and speed2 < 1.0 + 9.0 * s2)
+        (known and speed2 < p.tuning.known_rest_speed**2 + error2)
         or (
             speed2 < p.tuning.rest_speed**2
             and s2
@@ -81,11 +89,11 @@ def speed_allows_rest(p: Parameters, c: Core) -> bool:
             fresh
             and not known
             and s.stationary_count > p.tuning.long_rest_windows
-            and speed2 < p.tuning.rest_speed**2 + 9.0 * s2
+            and speed2 < p.tuning.rest_speed**2 + error2
         )
         or (
             s.log_likelihood_ratio > p.tuning.rest_log_likelihood
-            and speed2 < p.tuning.rest_speed**2 + 9.0 * s2
+            and speed2 < p.tuning.rest_speed**2 + error2
             and s2 < p.tuning.long_rest_variance
         )
     )
@@ -102,7 +110,7 @@ def gnss_confirms_rest(p: Parameters, c: Core) -> bool:
 @kernel
 def max_rest_rate(p: Parameters, c: Core, i: int) -> float:
     """Largest mean rate about body axis i at rest, beyond the estimated bias, rad/s."""
-    return p.tuning.rest_rate + 3.0 * math.sqrt(variance(c, GYRO_BIAS + i))
+    return p.tuning.rest_rate + p.tuning.limit_sigmas * math.sqrt(variance(c, GYRO_BIAS + i))
 
 
 @kernel
@@ -122,7 +130,8 @@ def level_force_variance(c: Core, axis: int) -> float:
 def is_unaccelerated(p: Parameters, c: Core) -> bool:
     """Whether the mean level specific force of the window is zero, within the errors of tilt and bias."""
     s = c.stationarity
-    most = p.tuning.rest_accel + 3.0 * math.sqrt(max(level_force_variance(c, 0), level_force_variance(c, 1)))
+    error = math.sqrt(max(level_force_variance(c, 0), level_force_variance(c, 1)))
+    most = p.tuning.rest_accel + p.tuning.limit_sigmas * error
     return bool(elementary.hypot(s.delta_v[0], s.delta_v[1]) < most * s.duration)
 
 

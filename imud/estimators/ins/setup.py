@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from imud.compile.jit import interpreted
-from imud.configuration.settings import Initial
-from imud.math.kalman import packed_index
-from imud.sensor_errors.stored_biases import Biases
-
+from ...compile.jit import interpreted
+from ...configuration.settings import Initial
 from ...math.arrays import Floats, Records
+from ...math.kalman import packed_index
+from ...sensor_errors.stored_biases import Biases
 from ..tuning import Tunable
 from .core import STATE
 from .state import (
@@ -112,7 +111,7 @@ def _begin_records(c: np.void, t: np.void) -> None:
     c["nav"]["forward"], c["nav"]["lateral"] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     c["alignment"]["mode"] = COARSE_ALIGNMENT
     c["alignment"]["heading_phasor"] = (1.0, 0.0)
-    c["gnss"]["speed"] = c["gnss"]["given_lever_arm"] = math.nan
+    c["gnss"]["speed"] = c["gnss"]["given_lever_arm"] = c["gnss"]["given_lever_arm_sigma"] = math.nan
     c["gnss"]["velocity_noise_var"] = t["first_velocity_noise"] ** 2
     c["drift"]["noise_scale"] = t["first_drift_noise_scale"]
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])

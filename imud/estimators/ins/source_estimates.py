@@ -2,8 +2,7 @@
 
 import math
 
-from imud.compile.jit import interpreted
-
+from ...compile.jit import interpreted
 from ...math.arrays import Records
 from ...math.kalman import packed_index
 from ..records import (

@@ -1,4 +1,4 @@
-"""The table of aiding sources beside GNSS: one row and one branch each; the rest of a source is in its own file."""
+"""The table of aiding sources beside GNSS: a row and a branch each, and one in `_align` if it may give the heading."""
 
 from __future__ import annotations
 
@@ -33,14 +33,11 @@ from .aiding import (
 from .aiding.barometer import fuse_barometer
 from .aiding.external_pose import fuse_pose
 from .aiding.external_velocity import fuse_external_velocity
-from .aiding.heading import check_turns, contradicts_itself, distrust_compass, fuse_heading, heading_of, sigma_of
 from .aiding.magnetometer import fuse_magnetometer
 from .aiding.odometer import fuse_odometer
-from .alignment.external_heading import align_with_heading
+from .alignment.external_heading import align_with_compass, fuse_monitored_heading
 from .alignment.external_pose import align_with_pose
 from .alignment.magnetic_heading import align_with_field
-from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
-from .heading_boresight import begin_boresight, share_boresight
 from .state import NAVIGATING
 
 if TYPE_CHECKING:
@@ -77,33 +74,36 @@ for _source in SOURCES:
 
 @kernel
 def fuse_source(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
-    """Fuse a measurement by its source's file, in every mode; returns the rows of innovations written."""
-    if m.kind == HEADING_SOURCE and c.alignment.mode == NAVIGATING:
-        rows = fuse_heading(p, c, m, innovations)
-        if contradicts_itself(p, c, m):
-            distrust_compass(p, c)
-            change_mode(p, c, HEADING_LOST)
-        elif check_turns(p, c):
-            change_mode(p, c, HEADING_WRONG)
-        return rows
-    if (
-        m.kind == HEADING_SOURCE and not c.heading_aid.distrusted
-    ):  # coarse alignment: the heading has an arbitrary origin, which this replaces
-        begin_boresight(p, c)
-        if align_with_heading(p, c, heading_of(p, c, m), sigma_of(p, m)):
-            share_boresight(c)
+    """Fuse a measurement by its source's file; returns the rows of innovations written.
+
+    During coarse alignment the barometer is fused as later, and a source that knows the heading may give it.
+    """
+    if c.alignment.mode == NAVIGATING or m.kind == BAROMETER_SOURCE:
+        return _fuse(p, c, m, innovations)
+    _align(p, c, m)
+    return 0
+
+
+@kernel
+def _fuse(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    if m.kind == HEADING_SOURCE:
+        return fuse_monitored_heading(p, c, m, innovations)
+    if m.kind == ODOMETER_SOURCE:
+        return fuse_odometer(p, c, m, innovations)
     if m.kind == BAROMETER_SOURCE:
         return fuse_barometer(p, c, m, innovations)
-    if m.kind == ODOMETER_SOURCE and c.alignment.mode == NAVIGATING:
-        return fuse_odometer(p, c, m, innovations)
-    if m.kind == POSE_SOURCE and c.alignment.mode == NAVIGATING:
-        return fuse_pose(p, c, m, innovations)
     if m.kind == POSE_SOURCE:
-        align_with_pose(p, c, m)
-    if (m.kind == VELOCITY_SOURCE or m.kind == BODY_VELOCITY_SOURCE) and c.alignment.mode == NAVIGATING:
+        return fuse_pose(p, c, m, innovations)
+    if m.kind == VELOCITY_SOURCE or m.kind == BODY_VELOCITY_SOURCE:
         return fuse_external_velocity(p, c, m, innovations)
-    if m.kind == MAGNETOMETER_SOURCE and c.alignment.mode == NAVIGATING:
-        return fuse_magnetometer(p, c, m, innovations)
-    if m.kind == MAGNETOMETER_SOURCE:
+    return fuse_magnetometer(p, c, m, innovations)
+
+
+@kernel
+def _align(p: Parameters, c: Core, m: Measurement) -> None:
+    if m.kind == HEADING_SOURCE:
+        align_with_compass(p, c, m)
+    elif m.kind == POSE_SOURCE:
+        align_with_pose(p, c, m)
+    elif m.kind == MAGNETOMETER_SOURCE:
         align_with_field(p, c, m)
-    return 0

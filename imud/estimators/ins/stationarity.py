@@ -22,7 +22,7 @@ from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from .types import Core, Parameters
+    from .types import Core, MotionClass, Parameters
 
 
 TUNABLES = (
@@ -152,13 +152,13 @@ TUNABLES = (
 def accumulate_window(c: Core, w: Reals, f: Reals) -> None:
     """Add one sample (rad/s, m/s^2, body axes) to the window, before it replaces the last sample."""
     s = c.stationarity
-    w2, f2, difference_w2, difference_f2 = s.sum_w2, s.sum_f2, s.sum_difference2[0], s.sum_difference2[1]
+    w2, f2, difference_w2, difference_f2 = s.sum_w2, s.sum_f2, s.sum_rate_difference2, s.sum_force_difference2
     for i in range(3):
         w2 += w[i] * w[i]
         f2 += f[i] * f[i]
         difference_w2 += (w[i] - c.imu.w[i]) ** 2
         difference_f2 += (f[i] - c.imu.f[i]) ** 2
-    s.sum_w2, s.sum_f2, s.sum_difference2[0], s.sum_difference2[1] = w2, f2, difference_w2, difference_f2
+    s.sum_w2, s.sum_f2, s.sum_rate_difference2, s.sum_force_difference2 = w2, f2, difference_w2, difference_f2
     for i in range(3):
         s.sum_w[i] += w[i]
         s.sum_f[i] += f[i]
@@ -198,8 +198,8 @@ def clear_window(c: Core) -> None:
         s.sum_w[i] = 0.0
         s.sum_f[i] = 0.0
         s.delta_v[i] = 0.0
-    for i in range(2):
-        s.sum_difference2[i] = 0.0
+    s.sum_rate_difference2 = 0.0
+    s.sum_force_difference2 = 0.0
 
 
 @kernel
@@ -209,9 +209,9 @@ def observe_motion(p: Parameters, c: Core) -> None:
     w, f = s.sum_w, s.sum_f
     x, y, z = body_to_ned(c, (w[0] / n - s.mean_w[0], w[1] / n - s.mean_w[1], w[2] / n - s.mean_w[2]))
     change_f = max(abs(f[0] / n - s.mean_f[0]), abs(f[1] / n - s.mean_f[1]), abs(f[2] / n - s.mean_f[2]))
-    s.max_rate_of_change[0] = max(decay * s.max_rate_of_change[0], (x * x + y * y) / s.duration)
-    s.max_rate_of_change[1] = max(decay * s.max_rate_of_change[1], z * z / s.duration)
-    s.max_rate_of_change[2] = max(decay * s.max_rate_of_change[2], change_f * change_f / s.duration)
+    s.level_rate_change2 = max(decay * s.level_rate_change2, (x * x + y * y) / s.duration)
+    s.vertical_rate_change2 = max(decay * s.vertical_rate_change2, z * z / s.duration)
+    s.force_change2 = max(decay * s.force_change2, change_f * change_f / s.duration)
     decay = p.tuning.motion_range_decay
     x, y, z = ned_to_body(c, (0.0, 0.0, 1.0))
     m = s.mean_down
@@ -245,8 +245,8 @@ def classify_window(p: Parameters, c: Core) -> None:
     s.turn_rate_var = excess2 / (STANDARD_GRAVITY * s.duration) ** 2
     deviation = math.sqrt(max(w2, 0.0))
     dt = s.duration / s.sample_count
-    s.vibration_gyro_psd = p.tuning.vibration_noise_share * s.sum_difference2[0] / (6.0 * s.sample_count) * dt
-    vibration2 = max(s.sum_difference2[1] / (6.0 * s.sample_count) - 2.0 * p.accel_psd / dt, 0.0)
+    s.vibration_gyro_psd = p.tuning.vibration_noise_share * s.sum_rate_difference2 / (6.0 * s.sample_count) * dt
+    vibration2 = max(s.sum_force_difference2 / (6.0 * s.sample_count) - 2.0 * p.accel_psd / dt, 0.0)
     s.vibration_accel_psd = p.tuning.vibration_noise_share * vibration2 * dt
     s.vibration_level = vibration2 / (vibration2 + p.tuning.moving_vibration_accel**2)
     least = math.sqrt(3.0 * p.gyro_psd / dt)
@@ -274,14 +274,12 @@ def update_evidence(p: Parameters, c: Core, log_deviation: float) -> None:
     )
     if known and speed < p.tuning.slow_motion_max_speed:
         if speed < p.tuning.rest_speed and s.low_motion_count > 1:
-            learn_class(p, s.motion_class[0], log_deviation)
+            learn_class(p, s.rest_class, log_deviation)
         elif speed > p.tuning.slow_motion_min_speed:
-            learn_class(p, s.motion_class[1], log_deviation)
+            learn_class(p, s.slow_motion_class, log_deviation)
     ratio = 0.0
-    if min(s.motion_class[0, 0], s.motion_class[1, 0]) >= p.tuning.class_min_windows:
-        ratio = log_likelihood(p, s.motion_class[0], log_deviation) - log_likelihood(
-            p, s.motion_class[1], log_deviation
-        )
+    if min(s.rest_class.count, s.slow_motion_class.count) >= p.tuning.class_min_windows:
+        ratio = log_likelihood(p, s.rest_class, log_deviation) - log_likelihood(p, s.slow_motion_class, log_deviation)
     s.log_likelihood_ratio = (
         s.log_likelihood_ratio + p.tuning.evidence_weight * min(max(ratio, -2.0), 2.0)
         if s.low_motion_count > 1
@@ -290,17 +288,17 @@ def update_evidence(p: Parameters, c: Core, log_deviation: float) -> None:
 
 
 @kernel
-def learn_class(p: Parameters, motion_class: Reals, log_deviation: float) -> None:
+def learn_class(p: Parameters, m: MotionClass, log_deviation: float) -> None:
     """Update count, mean and variance of `log_deviation` in a class, with exponential forgetting (class_memory)."""
-    motion_class[0] += 1.0
-    share = max(1.0 / motion_class[0], p.tuning.class_memory)
-    left = log_deviation - motion_class[1]
-    motion_class[1] += share * left
-    motion_class[2] += share * ((1.0 - share) * left * left - motion_class[2])
+    m.count += 1.0
+    share = max(1.0 / m.count, p.tuning.class_memory)
+    left = log_deviation - m.mean
+    m.mean += share * left
+    m.variance += share * ((1.0 - share) * left * left - m.variance)
 
 
 @kernel
-def log_likelihood(p: Parameters, motion_class: Reals, log_deviation: float) -> float:
+def log_likelihood(p: Parameters, m: MotionClass, log_deviation: float) -> float:
     """Logarithm of the normal density of `log_deviation` in a class, without its constant."""
-    variance = max(motion_class[2], p.tuning.class_min_sigma**2)
-    return float(-0.5 * ((log_deviation - motion_class[1]) ** 2 / variance + elementary.log(variance)))
+    variance = max(m.variance, p.tuning.class_min_sigma**2)
+    return float(-0.5 * ((log_deviation - m.mean) ** 2 / variance + elementary.log(variance)))

@@ -3,6 +3,7 @@
 
 class Tuning:
     bias_walk_time_s: float
+    limit_sigmas: float
     covariance_interval_s: float
     gnss_bias_time_s: float
     gnss_velocity_bias_sigma: float
@@ -28,6 +29,7 @@ class Tuning:
     gap_step_s: float
     gap_periods: float
     gap_s: float
+    long_gap_periods: float
     gap_accel: float
     gap_turn: float
     rate_of_change_time_s: float
@@ -64,6 +66,7 @@ class Tuning:
     long_rest_windows: int
     long_rest_variance: float
     rest_variance: float
+    known_rest_speed: float
     rest_log_likelihood: float
     uere: float
     vertical_ratio: float
@@ -71,6 +74,13 @@ class Tuning:
     rtk_fixed: float
     rtk_float: float
     min_bias_share: float
+    new_quality_ratio: float
+    first_white_sigma: float
+    first_white_share: float
+    first_white_variance_share: float
+    min_white_share: float
+    min_white_of: float
+    max_white_ratio: float
     min_velocity_sigma: float
     max_velocity_sigma: float
     noise_gain: float
@@ -91,6 +101,10 @@ class Tuning:
     burst_s: float
     reset_count: int
     reset_s: float
+    reset_sigmas: float
+    reset_position_sigma: float
+    reset_velocity_sigma: float
+    reset_heading_sigma: float
     consistency_gate: float
     drift_reset_s: float
     reset_time_sigma: float
@@ -114,6 +128,7 @@ class Tuning:
     wheel_check_gate: float
     wheel_min_contradiction: float
     wheel_contradictions: float
+    wheel_open_count: float
     wheel_evidence: float
     wheel_reject_factor: float
     wheel_agreements: int
@@ -155,6 +170,8 @@ class Tuning:
     land_slip: float
     land_slip_share: float
     current_share: float
+    evidence_mount_sigma: float
+    evidence_lever_arm_sigma: float
     heave_time_s: float
     heave_memory_s: float
     max_heave: float
@@ -198,6 +215,8 @@ class Tuning:
     fix_age_memory_s: float
     fix_age_accel_sigma: float
     fix_age_noise_weight: float
+    fix_age_min_pairs: float
+    fix_age_pair_share: float
     fix_age_residual: float
     fix_age_prior: float
     fix_age_tolerance: float
@@ -330,9 +349,9 @@ class Tuning:
     min_heading_turn: float
     min_turn_count: int
     min_turn_ratio: float
-    turn_ratio_sigmas: float
     age_interval_s: float
     age_mean_s: float
+    age_gap_s: float
     age_correlation_s: float
     age_gate: float
     age_speed_noise: float

@@ -63,7 +63,8 @@ class Nav:
 
 
 class Earth:
-    position: Reals
+    lat: float
+    height: float
     sin_lat: float
     cos_lat: float
     tan_lat: float
@@ -95,6 +96,12 @@ class Covariance:
     boresight: Tensor
 
 
+class MotionClass:
+    count: float
+    mean: float
+    variance: float
+
+
 class Stationarity:
     sample_count: int
     duration: float
@@ -103,10 +110,13 @@ class Stationarity:
     delta_v: Reals
     sum_w2: float
     sum_f2: float
-    sum_difference2: Reals
+    sum_rate_difference2: float
+    sum_force_difference2: float
     mean_w: Reals
     mean_f: Reals
-    max_rate_of_change: Reals
+    level_rate_change2: float
+    vertical_rate_change2: float
+    force_change2: float
     mean_down: Reals
     tilt_range2: float
     level_accel2: float
@@ -114,7 +124,8 @@ class Stationarity:
     at_rest: int
     low_motion_count: int
     stationary_count: int
-    motion_class: Tensor
+    rest_class: MotionClass
+    slow_motion_class: MotionClass
     log_likelihood_ratio: float
     gyro_noise_floor: float
     vibration_level: float
@@ -156,7 +167,12 @@ class LandEvidence:
     products: Reals
     weight: float
     count: float
-    turn_force: Reals
+    turn_count: float
+    turn_sum: float
+    turn_force_sum: float
+    turn2_sum: float
+    turn_times_force_sum: float
+    turn_force2_sum: float
     leaky_height: float
     mean_height: float
     current_vector: Reals
@@ -175,6 +191,7 @@ class Gnss:
     velocity_noise_var: float
     offset_velocity: Reals
     given_lever_arm: Reals
+    given_lever_arm_sigma: float
 
 
 class Integrity:
@@ -184,10 +201,14 @@ class Integrity:
     outage_at_reject_s: float
     reject_offset: Reals
     rejected_velocity: Reals
-    last_position: Reals
+    last_lat: float
+    last_lon: float
     last_velocity: Reals
+    last_speed: float
+    last_course: float
     unchanged_since_ns: int
-    unchanged_estimate: Reals
+    unchanged_lat: float
+    unchanged_lon: float
     frozen: int
     epochs: int
     velocity_reject_count: int
@@ -253,7 +274,8 @@ class ChordPoint:
 
 class VelocityDiscrepancy:
     last_ns: int
-    last_place: Reals
+    last_lat: float
+    last_lon: float
     last_velocity: Reals
     repeated: int
     sum: Reals
@@ -319,18 +341,25 @@ class Alignment:
     applied_corrections: Tensor
     corrections: Tensor
     pair_start_ns: int
-    pair_start: Reals
+    pair_velocity: Reals
+    pair_lat: float
+    pair_lon: float
+    pair_accel: Reals
     pair_integrals: Tensor
     pair_double_integrals: Tensor
     mean_velocity: Reals
+    mean_velocity_s: float
     mean_integrals: Tensor
-    low_motion_position: Reals
+    low_motion_lat: float
+    low_motion_lon: float
     low_motion_ns: int
     origin_ns: int
-    position_origin: Reals
+    origin_lat: float
+    origin_lon: float
     last_match_ns: int
     vector_start_ns: int
-    vector_start: Reals
+    vector_velocity: Reals
+    vector_arm_velocity: Reals
     vector_q: Reals
     vector_bias: Reals
     vector_force: Reals
@@ -403,8 +432,11 @@ class HeadingAid:
     turn_rate: float
     turn: float
     turn_shown: float
-    last_turn: Reals
-    turn_products: Reals
+    last_turn: float
+    last_turn_shown: float
+    turn_xx: float
+    turn_xy: float
+    turn_noise: float
 
 
 class Magnetometer:
@@ -554,7 +586,8 @@ class Core:
 class FixAge:
     last_ns: int
     origin_ns: int
-    place: Reals
+    lat: float
+    lon: float
     velocity: Reals
     integrals: Tensor
     sums: Tensor
@@ -564,6 +597,14 @@ class FixAge:
     around: Tensor
     acceleration: Tensor
     corrections: Tensor
+
+
+class VectorPair:
+    gnss: Reals
+    force: Reals
+    sensitivity: Tensor
+    level_variance: float
+    down_variance: float
 
 
 class HypothesisBank:
@@ -578,7 +619,7 @@ class HypothesisBank:
     last_integrals: Tensor
     last_double_integrals: Tensor
     vector_count: int
-    vectors: Tensor
+    vectors: list[VectorPair]
     vector_normal: Tensor
     vector_product: Tensor
     innovations: Tensor

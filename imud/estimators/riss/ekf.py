@@ -29,6 +29,12 @@ from .state import (
     SQUAT,
     STATES,
     TIME_OFFSET,
+    TRAVEL_DOWN,
+    TRAVEL_EAST,
+    TRAVEL_NORTH,
+    TRAVEL_SPEED,
+    TRAVEL_YAW,
+    TRAVELS,
     UNKNOWN_ANGLE,
     UNKNOWN_SPEED,
     YAW,
@@ -116,7 +122,7 @@ def store_travel(s: RissState) -> None:
     """Store the present integrals in the ring, for fixes that arrive late."""
     s.ring_at = (s.ring_at + 1) % RING
     s.ring_ns[s.ring_at] = s.step_ns
-    for i in range(5):
+    for i in range(TRAVELS):
         s.ring[s.ring_at, i] = s.travel[i]
 
 
@@ -157,11 +163,11 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     s.height -= T * x[SINK]
     decay = elementary.exp(-T / tuning.accel_time_s)
     speed_change = T * x[ACCEL]
-    s.travel[0] += north
-    s.travel[1] += east
-    s.travel[2] += T * x[SINK]
-    s.travel[3] += speed_change
-    s.travel[4] += T * s.yaw_rate
+    s.travel[TRAVEL_NORTH] += north
+    s.travel[TRAVEL_EAST] += east
+    s.travel[TRAVEL_DOWN] += T * x[SINK]
+    s.travel[TRAVEL_SPEED] += speed_change
+    s.travel[TRAVEL_YAW] += T * s.yaw_rate
     if s.aligned == 1:
         shear(P, STATES, NORTH, SPEED, T * cy)
         shear(P, STATES, NORTH, YAW, -distance * sy)

@@ -31,7 +31,15 @@ from .state import (
     SPEED,
     STATES,
     TIME_OFFSET,
+    TRAVEL_DOWN,
+    TRAVEL_EAST,
+    TRAVEL_NORTH,
+    TRAVEL_SPEED,
+    TRAVEL_YAW,
     UNKNOWN_SPEED,
+    WHITE_HORIZONTAL,
+    WHITE_VELOCITY,
+    WHITE_VERTICAL,
     YAW,
 )
 
@@ -76,15 +84,15 @@ def set_axis(s: RissState, i: int) -> None:
     reset(s.P, STATES, FIX_NORTH + i, s.fix_var[i])
     s.x[FIX_NORTH + i] = 0.0
     shear(s.P, STATES, NORTH + i, FIX_NORTH + i, -1.0)
-    add_variance(s, NORTH + i, s.white_var[2 if i == 2 else 0])
+    add_variance(s, NORTH + i, s.white_var[WHITE_VERTICAL if i == 2 else WHITE_HORIZONTAL])
 
 
 @kernel
 def set_position(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float) -> None:
     """Set the position to that of the fix plus the distance since, by the fix's velocity if it has one."""
     t_ns = epoch_of(s, fix)
-    north, east = travelled_since(s, t_ns, 0), travelled_since(s, t_ns, 1)
-    rate_n, rate_e = rate_around(s, t_ns, 0), rate_around(s, t_ns, 1)
+    north, east = travelled_since(s, t_ns, TRAVEL_NORTH), travelled_since(s, t_ns, TRAVEL_EAST)
+    rate_n, rate_e = rate_around(s, t_ns, TRAVEL_NORTH), rate_around(s, t_ns, TRAVEL_EAST)
     late_s, unknown2 = 1e-9 * (s.step_ns - t_ns), 0.0
     if math.isfinite(vn + ve):
         north, east = vn * late_s, ve * late_s
@@ -96,7 +104,7 @@ def set_position(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float
         add_variance(s, NORTH + i, unknown2)
         shear(s.P, STATES, NORTH + i, TIME_OFFSET, rate_n if i == 0 else rate_e)
     if s.has_height == 0 and math.isfinite(fix.height):
-        s.height, s.has_height = fix.height - travelled_since(s, t_ns, 2), 1
+        s.height, s.has_height = fix.height - travelled_since(s, t_ns, TRAVEL_DOWN), 1
         set_axis(s, 2)
         s.gravity = gravity(fix.lat, fix.height)
 
@@ -109,20 +117,20 @@ def set_heading(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float)
     if not (speed > p.tuning.align_speed or given):
         return
     yaw = s.initial_yaw if given else elementary.atan2(ve, vn)
-    sigma2 = INITIAL_YAW_SIGMA**2 if given else (s.white_var[1] + p.tuning.lateral_sigma**2) / speed**2
+    sigma2 = INITIAL_YAW_SIGMA**2 if given else (s.white_var[WHITE_VELOCITY] + p.tuning.lateral_sigma**2) / speed**2
     t_ns = epoch_of(s, fix)
-    s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, t_ns, 4)))
+    s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, t_ns, TRAVEL_YAW)))
     reset(s.P, STATES, YAW, sigma2)
-    shear(s.P, STATES, YAW, TIME_OFFSET, 0.0 if given else rate_around(s, t_ns, 4))
+    shear(s.P, STATES, YAW, TIME_OFFSET, 0.0 if given else rate_around(s, t_ns, TRAVEL_YAW))
     s.initial_yaw = math.nan
     s.aligned = 1
     set_position(p, s, fix, vn, ve)
     if given:
         speed = vn * elementary.cos(yaw) + ve * elementary.sin(yaw)
     if math.isfinite(speed):
-        s.x[SPEED] = speed + travelled_since(s, t_ns, 3)
-        reset(s.P, STATES, SPEED, s.white_var[1] + (0.5 * p.tuning.accel_sigma) ** 2)
-        shear(s.P, STATES, SPEED, TIME_OFFSET, rate_around(s, t_ns, 3))
+        s.x[SPEED] = speed + travelled_since(s, t_ns, TRAVEL_SPEED)
+        reset(s.P, STATES, SPEED, s.white_var[WHITE_VELOCITY] + (0.5 * p.tuning.accel_sigma) ** 2)
+        shear(s.P, STATES, SPEED, TIME_OFFSET, rate_around(s, t_ns, TRAVEL_SPEED))
 
 
 @kernel
@@ -155,38 +163,42 @@ def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[I
     cy, sy = elementary.cos(s.x[YAW]), elementary.sin(s.x[YAW])
     arm, t_ns = p.gnss_lever_arm, epoch_of(s, fix)
     lever_n, lever_e = arm[0] * cy - arm[1] * sy, arm[0] * sy + arm[1] * cy
-    z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, t_ns, 0) - lever_n - s.x[FIX_NORTH]
+    z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, t_ns, TRAVEL_NORTH) - lever_n - s.x[FIX_NORTH]
     radius = (prime_vertical + s.height) * max(elementary.cos(s.lat), MIN_COS)
-    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, t_ns, 1) - lever_e - s.x[FIX_NORTH + 1]
+    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, t_ns, TRAVEL_EAST) - lever_e - s.x[FIX_NORTH + 1]
     nis = 0.0
     for i in range(2):
         z = z_n if i == 0 else z_e
         n = position_jacobian(s, i, rate_around(s, t_ns, i))
-        nis += z * z / innovation_variance(s, n, s.white_var[0])
+        nis += z * z / innovation_variance(s, n, s.white_var[WHITE_HORIZONTAL])
     used = nis < p.tuning.gate
     s.reject_count = 0 if used else s.reject_count + 1
     for i in range(2):
         z = z_n if i == 0 else z_e
         n = position_jacobian(s, i, rate_around(s, t_ns, i))
         left = z - s.dx[NORTH + i] - s.dx[FIX_NORTH + i] + s.dx[TIME_OFFSET] * rate_around(s, t_ns, i)
-        total = fuse(s, n, z, s.white_var[0]) if used else innovation_variance(s, n, s.white_var[0])
+        total = (
+            fuse(s, n, z, s.white_var[WHITE_HORIZONTAL])
+            if used
+            else innovation_variance(s, n, s.white_var[WHITE_HORIZONTAL])
+        )
         write_innovation(innovations[i], fix, POSITION_N if i == 0 else POSITION_E, left, total, used)
         if used:
-            learn_white_noise(p, s, 0, left, total)
+            learn_white_noise(p, s, WHITE_HORIZONTAL, left, total)
     return 2
 
 
 @kernel
 def fuse_height(p: RissParameters, s: RissState, fix: Fix, row: Innovation) -> None:
     """Gate and fuse the height; writes its innovation to `row`."""
-    z = s.height - fix.height + travelled_since(s, epoch_of(s, fix), 2) - p.gnss_lever_arm[2] - s.x[FIX_DOWN]
+    z = s.height - fix.height + travelled_since(s, epoch_of(s, fix), TRAVEL_DOWN) - p.gnss_lever_arm[2] - s.x[FIX_DOWN]
     n = set_jacobian(s, set_jacobian(s, 0, DOWN, 1.0), FIX_DOWN, 1.0)
-    total = innovation_variance(s, n, s.white_var[2])
+    total = innovation_variance(s, n, s.white_var[WHITE_VERTICAL])
     used = z * z < 0.5 * p.tuning.gate * total
     write_innovation(row, fix, POSITION_D, z - s.dx[DOWN] - s.dx[FIX_DOWN], total, used)
     if used:
-        fuse(s, n, z, s.white_var[2])
-        learn_white_noise(p, s, 2, z, total)
+        fuse(s, n, z, s.white_var[WHITE_VERTICAL])
+        learn_white_noise(p, s, WHITE_VERTICAL, z, total)
     else:
         add_variance(s, SINK, 0.1)
         add_variance(s, DOWN, 0.1 * total)
@@ -201,28 +213,30 @@ def fuse_velocity(
     The longitudinal innovation is written as VELOCITY_N, the lateral one as VELOCITY_E.
     """
     t_ns = epoch_of(s, fix)
-    yaw, u = s.x[YAW] - travelled_since(s, t_ns, 4), s.x[SPEED] - travelled_since(s, t_ns, 3)
-    yaw_rate, accel = rate_around(s, t_ns, 4), rate_around(s, t_ns, 3)
+    yaw, u = s.x[YAW] - travelled_since(s, t_ns, TRAVEL_YAW), s.x[SPEED] - travelled_since(s, t_ns, TRAVEL_SPEED)
+    yaw_rate, accel = rate_around(s, t_ns, TRAVEL_YAW), rate_around(s, t_ns, TRAVEL_SPEED)
     cy, sy = elementary.cos(yaw), elementary.sin(yaw)
     along, across = vn * cy + ve * sy, ve * cy - vn * sy
     if s.aligned == 0:
         along = math.sqrt(vn * vn + ve * ve)
     z = along - u + p.gnss_lever_arm[1] * yaw_rate
     n = set_jacobian(s, set_jacobian(s, 0, SPEED, 1.0), TIME_OFFSET, -accel)
-    noise = s.white_var[1] + (0.5 * p.tuning.lateral_sigma) ** 2 + (accel * p.tuning.velocity_time_sigma) ** 2
+    noise = (
+        s.white_var[WHITE_VELOCITY] + (0.5 * p.tuning.lateral_sigma) ** 2 + (accel * p.tuning.velocity_time_sigma) ** 2
+    )
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total
     write_innovation(innovations[at], fix, VELOCITY_N, z, total, used)
     if used:
         fuse(s, n, z, noise)
-        learn_white_noise(p, s, 1, z, total)
+        learn_white_noise(p, s, WHITE_VELOCITY, z, total)
     else:
         add_variance(s, SPEED, total)
     if s.aligned == 0 or abs(u) < p.tuning.course_speed:
         return 1
     z = across - p.gnss_lever_arm[0] * yaw_rate
     n = set_jacobian(s, set_jacobian(s, 0, YAW, u), TIME_OFFSET, -u * yaw_rate)
-    noise = s.white_var[1] + p.tuning.lateral_sigma**2 + variance(s, SPEED) * variance(s, YAW)
+    noise = s.white_var[WHITE_VELOCITY] + p.tuning.lateral_sigma**2 + variance(s, SPEED) * variance(s, YAW)
     noise += (u * yaw_rate * p.tuning.velocity_time_sigma) ** 2
     total = innovation_variance(s, n, noise)
     used = z * z < p.tuning.gate * total

@@ -39,6 +39,7 @@ from .state import (
     SQUAT,
     STATES,
     UNKNOWN_ANGLE,
+    WHITE_VELOCITY,
     YAW,
 )
 
@@ -115,7 +116,7 @@ def write_solution(p: RissParameters, s: RissState, sample: Sample, out: Solutio
         out.sigma_v[1] = math.sqrt(max(sy * sy * along + cy * cy * across + 2.0 * cy * sy * both, 0.0))
     else:
         since_s = max((s.t_ns - s.fix_ns) * 1e-9, 0.0)
-        out.sigma_v[0] = out.sigma_v[1] = math.sqrt(s.white_var[1]) + p.tuning.accel_sigma * since_s
+        out.sigma_v[0] = out.sigma_v[1] = math.sqrt(s.white_var[WHITE_VELOCITY]) + p.tuning.accel_sigma * since_s
     out.sigma_v[2] = math.sqrt(variance(s, SINK))
     out.sigma_p[0], out.sigma_p[1] = math.sqrt(variance(s, NORTH)), math.sqrt(variance(s, EAST))
     out.sigma_p[2] = math.sqrt(variance(s, DOWN)) if s.has_height == 1 else math.nan

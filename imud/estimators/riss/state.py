@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from imud.configuration.settings import Initial, Settings
-from imud.sensor_errors.profiles import profile_of
-
 from ...compile.jit import interpreted
+from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
+from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 
 (
@@ -35,6 +34,8 @@ from ..tuning import Tunable, dtype_of, values_of
     TIME_OFFSET,  # s, by which a fix is older than its epoch says
     STATES,
 ) = range(21)
+TRAVEL_NORTH, TRAVEL_EAST, TRAVEL_DOWN, TRAVEL_SPEED, TRAVEL_YAW, TRAVELS = range(6)  # places in `travel`
+WHITE_HORIZONTAL, WHITE_VELOCITY, WHITE_VERTICAL = range(3)  # places in `white_var`
 PACKED = STATES * (STATES + 1) // 2
 RING = 64  # number of past steps that are stored
 JACOBIAN_LENGTH = 7  # elements of a Jacobian
@@ -191,8 +192,8 @@ STATE = np.dtype(
         ("d", "<f8", (STATES,)),
         ("columns", "<i8", (JACOBIAN_LENGTH,)),
         ("row", "<f8", (JACOBIAN_LENGTH,)),
-        ("travel", "<f8", (5,)),  # integrals: north, east, down m, speed m/s, yaw rad
-        ("ring", "<f8", (RING, 5)),  # travel at past steps
+        ("travel", "<f8", (TRAVELS,)),  # integrals: north, east, down m, speed m/s, yaw rad
+        ("ring", "<f8", (RING, TRAVELS)),  # travel at past steps
         ("ring_ns", "<i8", (RING,)),
         ("ring_at", "<i8"),  # index of the newest
         ("wheel_ns", "<i8"),  # epoch of the newest reading of the wheels; 0: none
@@ -226,7 +227,9 @@ def start(parameters: Records, initial: Initial) -> Records:
     if initial.lat_deg is not None:
         s["gravity"] = interpreted(gravity)(math.radians(initial.lat_deg), initial.height_m or 0.0)
     s["initial_yaw"] = math.nan if initial.yaw_deg is None else math.radians(initial.yaw_deg)
-    s["white_var"] = tuning["fix_white_sigma"] ** 2, tuning["velocity_sigma"] ** 2, 4.0 * tuning["fix_white_sigma"] ** 2
+    s["white_var"][0, WHITE_HORIZONTAL] = tuning["fix_white_sigma"] ** 2
+    s["white_var"][0, WHITE_VERTICAL] = 4.0 * tuning["fix_white_sigma"] ** 2
+    s["white_var"][0, WHITE_VELOCITY] = tuning["velocity_sigma"] ** 2
     diagonal = np.zeros(STATES)
     diagonal[[SPEED, YAW]] = UNKNOWN_SPEED**2, UNKNOWN_ANGLE**2
     diagonal[[ROLL, PITCH]] = UNKNOWN_ANGLE**2

@@ -11,9 +11,9 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ..records import ODOMETER
+from ..records import ODOMETER, SPEED_VALUE
 from .ekf import add_variance, fuse, inject_error, innovation_variance, set_jacobian, travelled_since, variance
-from .state import ACCEL, SPEED, WHEEL_SCALE
+from .state import ACCEL, SPEED, TRAVEL_SPEED, WHEEL_SCALE
 
 if TYPE_CHECKING:
     from ..types import Innovation, Measurement
@@ -40,12 +40,12 @@ def signed(p: RissParameters, s: RissState, reading: float, u: float) -> float:
 def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a reading at its epoch; returns the rows of innovations."""
     late_s = (s.step_ns - m.t_ns) * 1e-9
-    if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[0]) or m.sigma[1] > 0.0:
+    if s.started == 0 or late_s > p.tuning.max_late_s or not math.isfinite(m.value[SPEED_VALUE]) or m.sigma[1] > 0.0:
         return 0  # m.sigma[1] > 0: a speed through the water
     x, dead = s.x, p.tuning.wheel_dead_speed
-    u = x[SPEED] - travelled_since(s, m.t_ns, 3) - min(late_s, 0.0) * x[ACCEL]
+    u = x[SPEED] - travelled_since(s, m.t_ns, TRAVEL_SPEED) - min(late_s, 0.0) * x[ACCEL]
     u -= p.odometer_lever_arm[1] * s.yaw_rate
-    reading = signed(p, s, m.value[0], u)
+    reading = signed(p, s, m.value[SPEED_VALUE], u)
     if not math.isfinite(reading):
         return 0
     every_s = min(max((m.t_ns - s.wheel_ns) * 1e-9, 1e-3), SLIP_S) if s.wheel_ns > 0 else SLIP_S

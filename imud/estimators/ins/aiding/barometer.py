@@ -87,7 +87,7 @@ TUNABLES = (
         "baro_ratio_tolerance",
         0.15,
         "",
-        "Difference of the ratio from 1, beyond three sigma, from which the scale of the readings is wrong.",
+        "Difference of the ratio from 1, beyond limit_sigmas, from which the scale of the readings is wrong.",
         "Hot or cold air: 10 %.",
     ),
     Tunable(
@@ -138,7 +138,7 @@ def scale_error2(p: Parameters, c: Core, m: Measurement) -> float:
         return float(g.scale_error2_by_fixes)
     ratio = g.reading_height / g.reading2  # of the height to the reading, which is precise
     noise = p.tuning.baro_ratio_noise / math.sqrt(g.reading2)
-    wrong = abs(ratio - 1.0) >= p.tuning.baro_ratio_tolerance + 3.0 * noise
+    wrong = abs(ratio - 1.0) >= p.tuning.baro_ratio_tolerance + p.tuning.limit_sigmas * noise
     found = (1.0 / max(ratio, p.tuning.baro_ratio_tolerance) - 1.0) ** 2 if wrong else 0.0
     return float(max(found, g.scale_error2_by_fixes))
 

@@ -23,7 +23,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
-from ...records import POSE_D, POSE_E, POSE_N, POSE_SOURCE, POSE_YAW
+from ...records import HEIGHT_VALUE, LAT_VALUE, LON_VALUE, POSE_D, POSE_E, POSE_N, POSE_SOURCE, POSE_YAW, YAW_VALUE
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3
 from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_innovation
@@ -81,12 +81,12 @@ def pose_difference(p: Parameters, c: Core, m: Measurement, arm: Vector, i: int)
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     if i == 3:
         x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
-        if not math.isfinite(m.value[3]) or x * x + y * y < p.tuning.heading_min_level**2:
+        if not math.isfinite(m.value[YAW_VALUE]) or x * x + y * y < p.tuning.heading_min_level**2:
             return math.nan
         rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
-        return wrap_angle(m.value[3] - elementary.atan2(y, x) - rate * ahead_s)
-    north, east = ned_difference(c, c.nav.lat, c.nav.lon, m.value[0], m.value[1])
-    away = north if i == 0 else east if i == 1 else c.nav.height - m.value[2]
+        return wrap_angle(m.value[YAW_VALUE] - elementary.atan2(y, x) - rate * ahead_s)
+    north, east = ned_difference(c, c.nav.lat, c.nav.lon, m.value[LAT_VALUE], m.value[LON_VALUE])
+    away = north if i == 0 else east if i == 1 else c.nav.height - m.value[HEIGHT_VALUE]
     return float(away - arm[i] - c.nav.v_n[i] * ahead_s)
 
 
@@ -141,7 +141,7 @@ def check_yaw_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
 def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a pose while navigating; returns the rows of innovations (before: `alignment.external_pose`)."""
     g = c.pose
-    if not math.isfinite(m.value[1]) or not is_new(g, m):
+    if not math.isfinite(m.value[LON_VALUE]) or not is_new(g, m):
         return write_innovation(innovations, 0, m.t_ns, POSE_N, math.nan, math.nan, False)
     l = p.pose_lever_arm  # noqa: E741 as in the literature
     arm = body_to_ned(c, (l[0], l[1], l[2]))

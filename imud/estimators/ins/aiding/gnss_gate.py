@@ -60,6 +60,22 @@ TUNABLES = (
         "Time for which rejected positions must be consistent with the velocity before the filter is reset to them.",
         "Recorded multipath.",
     ),
+    Tunable(
+        "reset_sigmas",
+        2.0,
+        "sigma",
+        "Sigma of the position after a reset, in sigmas of the fix.",
+        "What was rejected for long may be wrong again.",
+    ),
+    Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside that.", "Choice."),
+    Tunable(
+        "reset_velocity_sigma",
+        2.0,
+        "m/s",
+        "Sigma added to a velocity that nothing supports, at a reset.",
+        "Choice.",
+    ),
+    Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
     Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
     Tunable(
@@ -207,7 +223,7 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 @kernel
 def reset_to_gnss(
-    c: Core, first: int, last: int, supported: bool, reset_time_sigma: float, drifted_for_s: float
+    p: Parameters, c: Core, first: int, last: int, supported: bool, reset_time_sigma: float, drifted_for_s: float
 ) -> None:
     """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
@@ -219,16 +235,16 @@ def reset_to_gnss(
     for i in range(first, last):
         z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
         displace(c, z if i == 0 else 0.0, z if i == 1 else 0.0, z if i == 2 else 0.0)
-        decorrelate(c, POSITION + i, 4.0 * sigma * sigma + 1.0)
+        decorrelate(c, POSITION + i, (p.tuning.reset_sigmas * sigma) ** 2 + p.tuning.reset_position_sigma**2)
         clear_gnss_bias(c, i, sigma * sigma)
         inflate_position(c, i, z * z)
         c.scratch.position_innovation[i] = 0.0
         if not supported:
-            add_variance(c, VELOCITY + i, 4.0)
+            add_variance(c, VELOCITY + i, p.tuning.reset_velocity_sigma**2)
             if i < 2 and drifted_for_s > 0.0:
                 inflate_velocity(c, i, ((z - c.integrity.reject_offset[i]) / drifted_for_s) ** 2)
     if first == 0 and not supported:
-        add_variance(c, ATTITUDE + 2, math.radians(10.0) ** 2)
+        add_variance(c, ATTITUDE + 2, p.tuning.reset_heading_sigma**2)
         c.integrity.reset_score += 1
     if first == 0:
         add_variance(c, TIME_OFFSET, reset_time_sigma * reset_time_sigma)
@@ -268,7 +284,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
     if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
-    reset_to_gnss(c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
+    reset_to_gnss(p, c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
     if either:
         allow_for_wrong_velocity(c)
     reset_glr_tests(c)
@@ -288,7 +304,7 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
         g.reject_start_ns[1] = c.nav.t_ns
     if g.reject_count[1] <= p.tuning.reset_count or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= p.tuning.reset_s:
         return False
-    reset_to_gnss(c, 2, 3, c.stationarity.at_rest != 0, 0.0, 0.0)
+    reset_to_gnss(p, c, 2, 3, c.stationarity.at_rest != 0, 0.0, 0.0)
     g.reject_count[1] = 0
     return True
 

@@ -35,6 +35,27 @@ TUNABLES = (
         high=1.0,
     ),
     Tunable(
+        "new_quality_ratio",
+        2.0,
+        "",
+        "Ratio of a reported sigma to the last one from which bias and noise are learned anew.",
+        "Choice.",
+        low=1.001,
+    ),
+    Tunable("first_white_sigma", 0.03, "m", "White sigma before any is learned.", "RTK."),
+    Tunable("first_white_share", 0.5, "", "The same, per reported sigma, beside that.", "Real receivers."),
+    Tunable(
+        "first_white_variance_share",
+        0.5,
+        "",
+        "Largest share of the variance that a receiver itself reports which is white, before any is learned.",
+        "Half of it is the correlated error.",
+        high=1.0,
+    ),
+    Tunable("min_white_share", 0.3, "", "Least white sigma that is learned, per reported sigma.", "Real receivers."),
+    Tunable("min_white_of", 0.3, "m", "Largest reported sigma of which it is a share.", "Choice: 0.1 m at most."),
+    Tunable("max_white_ratio", 2.0, "", "Largest white sigma that is learned, per reported sigma.", "Choice."),
+    Tunable(
         "min_velocity_sigma",
         0.05,
         "m/s",
@@ -108,22 +129,22 @@ def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
     """
     if p.lever_arm_is_set:
         return float(p.lever_arm_sigma)
-    estimated = c.gnss.given_lever_arm[3] > 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
+    estimated = c.gnss.given_lever_arm_sigma > 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
     return float(p.tuning.unset_lever_arm_sigma if estimated else 0.0)
 
 
 @kernel
 def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
-    given, sigma = c.gnss.given_lever_arm, initial_lever_arm_sigma(p, c, fix)
-    changed = given[3] != sigma
+    g, sigma = c.gnss, initial_lever_arm_sigma(p, c, fix)
+    changed = g.given_lever_arm_sigma != sigma
     for i in range(3):
-        changed = changed or given[i] != p.gnss_lever_arm[i]
+        changed = changed or g.given_lever_arm[i] != p.gnss_lever_arm[i]
     if not changed:
         return
-    given[3] = sigma
+    g.given_lever_arm_sigma = sigma
     for i in range(3):
-        given[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
+        g.given_lever_arm[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
         decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
 
@@ -135,10 +156,11 @@ def set_gnss_noise(p: Parameters, c: Core, fix: Fix) -> None:
     v = max(fix.sigma[2], 1e-3) if math.isfinite(fix.sigma[2]) else p.tuning.vertical_ratio * h
     for k in range(2):
         sigma = h if k == 0 else v
-        if not 0.5 * g.reported_sigma[k] < sigma < 2.0 * g.reported_sigma[k]:
-            g.noise_var[k] = min(sigma, 0.03 + 0.5 * sigma) ** 2
+        last = g.reported_sigma[k]
+        if not last / p.tuning.new_quality_ratio < sigma < p.tuning.new_quality_ratio * last:
+            g.noise_var[k] = min(sigma, p.tuning.first_white_sigma + p.tuning.first_white_share * sigma) ** 2
             if math.isfinite(fix.sigma[2 * k]):
-                g.noise_var[k] = min(g.noise_var[k], 0.5 * sigma * sigma)
+                g.noise_var[k] = min(g.noise_var[k], p.tuning.first_white_variance_share * sigma * sigma)
             for i in range(2 * k, 2 + k):
                 clear_gnss_bias(c, i, sigma * sigma)
             reset_drift(c)
@@ -157,9 +179,9 @@ def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float
     """Adapt the white variance of a position (m^2) to an innovation of variance s (m^2) and of this NIS."""
     g = c.gnss
     k = axis // 2
-    least = (0.3 * min(g.reported_sigma[k], 0.3)) ** 2
-    most = (2.0 * g.reported_sigma[k]) ** 2
-    learned = g.noise_var[k] + p.tuning.noise_gain * (min(nis, 9.0) - 1.0) * s
+    least = (p.tuning.min_white_share * min(g.reported_sigma[k], p.tuning.min_white_of)) ** 2
+    most = (p.tuning.max_white_ratio * g.reported_sigma[k]) ** 2
+    learned = g.noise_var[k] + p.tuning.noise_gain * (min(nis, p.tuning.max_learned_nis) - 1.0) * s
     g.noise_var[k] = min(max(learned, least), most)
 
 
@@ -167,7 +189,7 @@ def learn_position_noise(p: Parameters, c: Core, axis: int, nis: float, s: float
 def learn_velocity_noise(p: Parameters, c: Core, nis: float) -> None:
     """Adapt the variance of a velocity component (m^2/s^2) to an innovation of this NIS."""
     g = c.gnss
-    learned = g.velocity_noise_var * (1.0 + p.tuning.noise_gain * (min(nis, 9.0) - 1.0))
+    learned = g.velocity_noise_var * (1.0 + p.tuning.noise_gain * (min(nis, p.tuning.max_learned_nis) - 1.0))
     g.velocity_noise_var = min(max(learned, p.tuning.min_velocity_sigma**2), p.tuning.max_velocity_sigma**2)
 
 

@@ -88,11 +88,11 @@ def reset_time_offsets(p: Parameters, c: Core, fix: Fix, sigma: float) -> None:
 def confirm_survey_epochs(p: Parameters, c: Core) -> None:
     """After a fix: take a survey's epochs as exact once the estimated time offset excludes a mistake and is about zero.
 
-    Within one sigma: three would take half of the epochs that are wrong by 30 ms as exact.
+    Within one sigma: limit_sigmas would take half of the epochs that are wrong by 30 ms as exact.
     """
     offset, sigma = abs(c.nav.time_offset), standard_deviation(c, TIME_OFFSET)
     if c.integrity.epochs != UNCONFIRMED_EPOCHS:
         return
-    if offset + 3.0 * sigma < p.tuning.epoch_mistake_s and offset < sigma:
+    if offset + p.tuning.limit_sigmas * sigma < p.tuning.epoch_mistake_s and offset < sigma:
         set_time_offset(c, 0.0, p.tuning.confirmed_epoch_sigma**2)
         c.integrity.epochs = EXACT_EPOCHS

@@ -24,8 +24,7 @@ TUNABLES = (
     Tunable("heading_turn_memory", 20.0, "intervals", "Intervals that are summed.", "Choice: a minute."),
     Tunable("min_heading_turn", 0.2, "rad", "Least root of the sum of squared changes that tells.", "Choice."),
     Tunable("min_turn_count", 3, "intervals", "Least number of intervals.", "Choice: one may have a jump."),
-    Tunable("min_turn_ratio", 0.4, "", "Headings that turn by a smaller share are wrong.", "Iron: half."),
-    Tunable("turn_ratio_sigmas", 3.0, "", "Sigmas by which it must be smaller.", "Choice."),
+    Tunable("min_turn_ratio", 0.4, "", "Headings that turn by less are wrong.", "Iron: half."),
 )
 
 
@@ -51,13 +50,13 @@ def add_heading_turn(p: Parameters, c: Core, t_ns: int, heading: float, rate: fl
     if 1e-9 * (t_ns - g.turn_ns) < p.tuning.heading_turn_s:
         return
     if g.turn_count > 0:
-        x = g.turn - g.last_turn[0]
-        y = max(-abs(x), min(g.turn_shown - g.last_turn[1], abs(x)))  # a jump tells no more than a turn
+        x = g.turn - g.last_turn
+        y = max(-abs(x), min(g.turn_shown - g.last_turn_shown, abs(x)))  # a jump tells no more than a turn
         keep = 1.0 - 1.0 / p.tuning.heading_turn_memory
-        g.turn_products[0] = keep * g.turn_products[0] + x * x
-        g.turn_products[1] = keep * g.turn_products[1] + x * y
-        g.turn_products[2] = keep * g.turn_products[2] + 6.0 * r * x * x
-    g.last_turn[0], g.last_turn[1] = g.turn, g.turn_shown
+        g.turn_xx = keep * g.turn_xx + x * x
+        g.turn_xy = keep * g.turn_xy + x * y
+        g.turn_noise = keep * g.turn_noise + 6.0 * r * x * x
+    g.last_turn, g.last_turn_shown = g.turn, g.turn_shown
     g.turn_count += 1
     g.turn_ns, g.turn, g.turn_shown = t_ns, 0.0, 0.0
 
@@ -65,11 +64,11 @@ def add_heading_turn(p: Parameters, c: Core, t_ns: int, heading: float, rate: fl
 @kernel
 def turns_differently(p: Parameters, c: Core) -> bool:
     """Whether the headings turn much less than the gyros, or against them."""
-    s = c.heading_aid.turn_products
-    xx, xy, noise = s[0], s[1], s[2]
-    if c.heading_aid.turn_count < p.tuning.min_turn_count or xx < p.tuning.min_heading_turn**2:
+    g = c.heading_aid
+    xx, xy, noise = g.turn_xx, g.turn_xy, g.turn_noise
+    if g.turn_count < p.tuning.min_turn_count or xx < p.tuning.min_heading_turn**2:
         return False
-    return bool(xy / xx + p.tuning.turn_ratio_sigmas * math.sqrt(noise) / xx < p.tuning.min_turn_ratio)
+    return bool(xy / xx + p.tuning.limit_sigmas * math.sqrt(noise) / xx < p.tuning.min_turn_ratio)
 
 
 @kernel
@@ -77,5 +76,4 @@ def forget_turns(c: Core) -> None:
     """Sums and interval begin anew."""
     g = c.heading_aid
     g.turn_count = 0
-    for i in range(3):
-        g.turn_products[i] = 0.0
+    g.turn_xx = g.turn_xy = g.turn_noise = 0.0

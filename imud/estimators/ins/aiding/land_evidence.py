@@ -57,6 +57,8 @@ TUNABLES = (
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
     Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
     Tunable("current_share", 0.3, "", "Current of a body that is no land vehicle, as a share of its speed.", "Boats."),
+    Tunable("evidence_mount_sigma", 0.5, "rad", "Sigma of the angle of the forward axis, mu.", "30 deg."),
+    Tunable("evidence_lever_arm_sigma", 1.5, "m", "Sigma of the lever arm, L.", "A car's rear axle."),
     Tunable("heave_time_s", 0.2, "s", "Time constant of the heave.", "Waves and steps of 0.8 Hz and above."),
     Tunable("heave_memory_s", 10.0, "s", "Time over which the heave is averaged.", "Some waves."),
     Tunable("max_heave", 0.006, "m", "Largest heave of a land vehicle.", "Walks have half as much again."),
@@ -77,7 +79,6 @@ TUNABLES = (
     ),
 )
 ALONG, TURN, CURRENT_N, CURRENT_E, LATERAL = range(5)
-MOUNT_PRIOR, LEVER_PRIOR = 0.5, 1.5  # rad, m: sigmas of mu and L
 
 
 @kernel
@@ -88,7 +89,7 @@ def clear_evidence(c: Core) -> None:
     e.weight = e.heave_variance = 0.0
     e.leaky_height = e.mean_height = e.count = 0.0
     e.log_likelihood = 0.0
-    e.turn_force[:] = 0.0
+    e.turn_count = e.turn_sum = e.turn_force_sum = e.turn2_sum = e.turn_times_force_sum = e.turn_force2_sum = 0.0
 
 
 @kernel
@@ -154,9 +155,13 @@ def add_turn(c: Core, u: Vector, rate: float, decay: float) -> None:
     axis2, across2 = max(dot(axis, axis), 1e-12), max(dot(across, across), 1e-12)
     turn = rate * dot(axis, u) / math.sqrt(axis2)
     force = dot(across, (f[0] - ba[0], f[1] - ba[1], f[2] - ba[2])) / math.sqrt(across2)
-    sums, rows = c.land_evidence.turn_force, (1.0, turn, force, turn * turn, turn * force, force * force)
-    for i in range(6):
-        sums[i] = decay * sums[i] + rows[i]
+    e = c.land_evidence
+    e.turn_count = decay * e.turn_count + 1.0
+    e.turn_sum = decay * e.turn_sum + turn
+    e.turn_force_sum = decay * e.turn_force_sum + force
+    e.turn2_sum = decay * e.turn2_sum + turn * turn
+    e.turn_times_force_sum = decay * e.turn_times_force_sum + turn * force
+    e.turn_force2_sum = decay * e.turn_force2_sum + force * force
 
 
 @kernel
@@ -189,8 +194,8 @@ def judge_evidence(p: Parameters, c: Core) -> None:
         a, b = rotated[5 * j + ALONG], rotated[5 * j + LATERAL]
         rotated[5 * j + ALONG], rotated[5 * j + LATERAL] = cos * a + sin * b, cos * b - sin * a
     speed2 = rotated[5 * ALONG + ALONG] / e.weight
-    rotated[5 * ALONG + ALONG] += 1.0 / MOUNT_PRIOR**2
-    rotated[5 * TURN + TURN] += 1.0 / LEVER_PRIOR**2
+    rotated[5 * ALONG + ALONG] += 1.0 / p.tuning.evidence_mount_sigma**2
+    rotated[5 * TURN + TURN] += 1.0 / p.tuning.evidence_lever_arm_sigma**2
     for k in range(2):  # eliminate mu and L
         for i in range(k + 1, 5):
             share = rotated[5 * i + k] / rotated[5 * k + k]
@@ -227,9 +232,11 @@ def heaves(c: Core) -> bool:
 @kernel
 def coordinates_turns(p: Parameters, c: Core, sigmas: float) -> bool:
     """Whether less than half of the force of turns is lateral, by so many sigmas."""
-    s = c.land_evidence.turn_force
-    n = max(s[0], 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
-    square, product, energy = max(s[3] - s[1] * s[1] / n, 1e-12), s[4] - s[1] * s[2] / n, s[5] - s[2] * s[2] / n
+    e = c.land_evidence
+    n = max(e.turn_count, 1.0) + p.tuning.evidence_correlation  # about the means: a tilt or bias of coordination_sigma
+    square = max(e.turn2_sum - e.turn_sum * e.turn_sum / n, 1e-12)
+    product = e.turn_times_force_sum - e.turn_sum * e.turn_force_sum / n
+    energy = e.turn_force2_sum - e.turn_force_sum * e.turn_force_sum / n
     residual = max((energy - product * product / square) / n, p.tuning.coordination_sigma**2)
     return bool(0.5 * square - product > sigmas * math.sqrt(p.tuning.evidence_correlation * residual * square))
 
@@ -252,4 +259,4 @@ def shows_land_vehicle(p: Parameters, c: Core) -> bool:
 def refutes_land_vehicle(p: Parameters, c: Core) -> bool:
     """Whether the evidence is that of none."""
     floats = c.land_evidence.log_likelihood < -p.tuning.land_log_likelihood and not wheels_support(p, c)
-    return bool(floats or heaves(c) or coordinates_turns(p, c, 3.0))
+    return bool(floats or heaves(c) or coordinates_turns(p, c, p.tuning.limit_sigmas))

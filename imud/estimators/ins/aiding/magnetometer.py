@@ -22,12 +22,12 @@ import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
-from imud.sensor_errors.magnetometer import REMAINING_T
 
 from ....compile.jit import kernel
+from ....sensor_errors.magnetometer import REMAINING_T
 from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
-from ...records import MAGNETOMETER, MAGNETOMETER_SOURCE
+from ...records import EARTH_DOWN_VALUE, EARTH_EAST_VALUE, EARTH_NORTH_VALUE, MAGNETOMETER, MAGNETOMETER_SOURCE
 from ...tuning import Tunable
 from ..ekf import cross_covariance, variance
 from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
@@ -105,8 +105,11 @@ TUNABLES = (
 def has_field(p: Parameters, m: Measurement) -> bool:
     """Whether a reading is to be used at all: asked for, with a field, and that of the earth."""
     v = m.value
-    known = v[0] ** 2 + v[1] ** 2 + v[2] ** 2 > LEAST_FIELD**2 and v[3] ** 2 + v[4] ** 2 > LEAST_FIELD**2  # no NaN
-    return p.magnetometer != 0 and known and math.isfinite(v[5])
+    known = (
+        v[0] ** 2 + v[1] ** 2 + v[2] ** 2 > LEAST_FIELD**2
+        and v[EARTH_NORTH_VALUE] ** 2 + v[EARTH_EAST_VALUE] ** 2 > LEAST_FIELD**2
+    )  # no NaN
+    return p.magnetometer != 0 and known and math.isfinite(v[EARTH_DOWN_VALUE])
 
 
 @kernel
@@ -114,9 +117,9 @@ def is_earths_field(p: Parameters, c: Core, m: Measurement) -> bool:
     """Whether strength and dip have been those of the earth, and steady, for a while."""
     g, r = c.magnetometer, m.value
     north, east, down = body_to_ned(c, (r[0], r[1], r[2]))
-    level, earth_level = elementary.hypot(north, east), elementary.hypot(r[3], r[4])
-    strength = elementary.hypot(level, down) / elementary.hypot(earth_level, r[5]) - 1.0
-    dip = elementary.atan2(down, level) - elementary.atan2(r[5], earth_level)
+    level, earth_level = elementary.hypot(north, east), elementary.hypot(r[EARTH_NORTH_VALUE], r[EARTH_EAST_VALUE])
+    strength = elementary.hypot(level, down) / elementary.hypot(earth_level, r[EARTH_DOWN_VALUE]) - 1.0
+    dip = elementary.atan2(down, level) - elementary.atan2(r[EARTH_DOWN_VALUE], earth_level)
     dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
     if dt > p.tuning.mag_settle_s:  # the first, or the first for long
         g.strength, g.dip, g.variation, g.since_ns, g.heading_variance = strength, dip, 0.0, m.t_ns, 0.0
@@ -126,7 +129,8 @@ def is_earths_field(p: Parameters, c: Core, m: Measurement) -> bool:
     g.dip += share * b
     g.variation += share * (a * a + b * b - g.variation)
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    is_strange = abs(strength) > p.tuning.mag_strength_gate or dip * dip > p.tuning.mag_dip_gate**2 + 9.0 * tilt2
+    most_dip2 = p.tuning.mag_dip_gate**2 + p.tuning.limit_sigmas**2 * tilt2
+    is_strange = abs(strength) > p.tuning.mag_strength_gate or dip * dip > most_dip2
     if is_strange or g.variation > p.tuning.mag_variation**2:
         g.since_ns = m.t_ns
     return m.t_ns - g.since_ns > 1e9 * p.tuning.mag_settle_s
@@ -139,8 +143,8 @@ def field_variance(p: Parameters, c: Core, m: Measurement) -> float:
     What disturbs the field along and across its dip disturbs it as much across the heading, where nothing shows it.
     """
     g, sigma = c.magnetometer, m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.mag_sigma
-    earth2 = m.value[3] ** 2 + m.value[4] ** 2
-    disturbance2 = (earth2 + m.value[5] ** 2) * (g.strength * g.strength + g.dip * g.dip)
+    earth2 = m.value[EARTH_NORTH_VALUE] ** 2 + m.value[EARTH_EAST_VALUE] ** 2
+    disturbance2 = (earth2 + m.value[EARTH_DOWN_VALUE] ** 2) * (g.strength * g.strength + g.dip * g.dip)
     return p.tuning.mag_yaw_sigma**2 + (sigma * sigma + disturbance2) / earth2
 
 
@@ -150,7 +154,9 @@ def field_innovation(c: Core, m: Measurement) -> tuple[float, int]:
     north, east, down = body_to_ned(c, (m.value[0], m.value[1], m.value[2]))
     north = LEAST_FIELD if north == 0.0 else north
     length = yaw_jacobian(c, 0, north, east, down)
-    return wrap_angle(elementary.atan2(m.value[4], m.value[3]) - elementary.atan2(east, north)), length
+    return wrap_angle(
+        elementary.atan2(m.value[EARTH_EAST_VALUE], m.value[EARTH_NORTH_VALUE]) - elementary.atan2(east, north)
+    ), length
 
 
 @kernel

@@ -207,7 +207,7 @@ def leans(p: Parameters, c: Core, q: Quaternion) -> bool:
         dot(lateral_axis(c), quat_rotate_back(q, (0.0, 0.0, 1.0))),
         math.sqrt(max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))),
     )
-    return bool(abs(lean) > p.tuning.max_lean + 3.0 * sigma)
+    return bool(abs(lean) > p.tuning.max_lean + p.tuning.limit_sigmas * sigma)
 
 
 @kernel

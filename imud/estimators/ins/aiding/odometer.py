@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import Vector, dot, quat_rotate, quat_rotate_back
-from ...records import ODOMETER
+from ...records import DIFFERENCE_VALUE, ODOMETER, SPEED_VALUE
 from ...tuning import Tunable
 from ..ekf import add_variance, innovation, innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
@@ -167,7 +167,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     accel, along = dot(forward, a), dot(forward, wheel)
     length = odometer_jacobian(c, forward, wheel, along)
     predicted_sigma = math.sqrt(max(innovation_variance(c, length), 0.0))
-    reading = signed_reading(p, c, m.value[0], along, predicted_sigma)
+    reading = signed_reading(p, c, m.value[SPEED_VALUE], along, predicted_sigma)
     if not math.isfinite(reading):
         c.odometer.unused = NO_DIRECTION
         return 0
@@ -181,7 +181,7 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     correlated = slip_sigma * slip_sigma + timing
     others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
     n = 0
-    if math.isfinite(m.value[1]) and p.track_width > 0.0 and c.odometer.direction != 0.0:
+    if math.isfinite(m.value[DIFFERENCE_VALUE]) and p.track_width > 0.0 and c.odometer.direction != 0.0:
         contradiction = fuse_yaw_rate(p, c, m, w, (r, slip_sigma * slip_sigma, others), dt, innovations)
         n, z = 1, least(z, z + 0.5 * contradiction, z - 0.5 * contradiction)  # of both, of the left, of the right wheel
         length = odometer_jacobian(c, forward, wheel, along)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import quat_rotate
+from ...records import SPEED_VALUE
 from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..fusion import REJECT
@@ -173,7 +174,11 @@ def is_frozen(p: Parameters, c: Core, m: Measurement, forward: Vector, predicted
 
     predicted: of this reading, m/s; r: its variance. Slow wheels may be reported as standing: as 0, without noise.
     """
-    g, reading, same = c.odometer, m.value[0], m.value[0] == c.odometer.reading and c.odometer.reading_ns != NEVER_NS
+    g, reading, same = (
+        c.odometer,
+        m.value[SPEED_VALUE],
+        m.value[SPEED_VALUE] == c.odometer.reading and c.odometer.reading_ns != NEVER_NS,
+    )
     if g.reading_ns != NEVER_NS and not same:
         g.resolution = min(g.resolution, abs(reading - g.reading))
         if g.reading != 0.0 and not g.frozen:

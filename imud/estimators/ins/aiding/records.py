@@ -14,7 +14,8 @@ GNSS = np.dtype(
         ("noise_var", "<f8", (2,)),  # m^2, learned white variance, horizontal and vertical
         ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
         ("offset_velocity", "<f8", (3,)),  # m/s, NED, by which the time offset shifts a position
-        ("given_lever_arm", "<f8", (4,)),  # m, body, and its sigma, by the user; NaN before the first fix
+        ("given_lever_arm", "<f8", (3,)),  # m, body, by the user; NaN before the first fix
+        ("given_lever_arm_sigma", "<f8"),  # m, of each component
     ],
     align=True,
 )
@@ -48,7 +49,12 @@ LAND_EVIDENCE = np.dtype(  # that the vehicle rolls on the ground
         ("products", "<f8", (15,)),  # sums of products of velocities, turn rate and azimuth, weighted; packed
         ("weight", "<f8"),  # sum of their weights, s^2/m^2
         ("count", "<f8"),  # independent velocities in these
-        ("turn_force", "<f8", (6,)),  # count; sums of turn and lateral force, m/s^2; of their products
+        ("turn_count", "<f8"),  # windows of turns; sums over these, of m/s^2:
+        ("turn_sum", "<f8"),  # forward velocity times turn rate
+        ("turn_force_sum", "<f8"),  # lateral specific force
+        ("turn2_sum", "<f8"),  # their products
+        ("turn_times_force_sum", "<f8"),
+        ("turn_force2_sum", "<f8"),
         ("leaky_height", "<f8"),  # m, integral of the vertical velocity in the body that decays
         ("mean_height", "<f8"),  # m, its mean
         ("current_vector", "<f8", (2,)),  # s/m, information times current north and east
@@ -145,8 +151,11 @@ HEADING_AID = np.dtype(
         ("turn_rate", "<f8"),  # rad/s, of the yaw, then
         ("turn", "<f8"),  # rad, of the gyros since turn_ns
         ("turn_shown", "<f8"),  # rad, of the headings
-        ("last_turn", "<f8", (2,)),  # rad, of the interval before: of the gyros, of the headings
-        ("turn_products", "<f8", (3,)),  # rad^2, rad^2, rad^4: sums of x^2, x y, and of x^2 times the variance of y
+        ("last_turn", "<f8"),  # rad, of the gyros in the interval before
+        ("last_turn_shown", "<f8"),  # rad, of the headings
+        ("turn_xx", "<f8"),  # rad^2, sum of x^2; of x and y see `heading_turns`
+        ("turn_xy", "<f8"),  # rad^2, of x y
+        ("turn_noise", "<f8"),  # rad^4, of x^2 times the variance of y
     ],
     align=True,
 )

@@ -26,7 +26,16 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import SEMI_MAJOR_M
 from ....math.rotation import dot, quat_rotate, quat_rotate_back
-from ...records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE
+from ...records import (
+    BODY_VELOCITY_SOURCE,
+    HEADING_SOURCE,
+    LAT_VALUE,
+    LON_VALUE,
+    ODOMETER_SOURCE,
+    POSE_SOURCE,
+    VELOCITY_SOURCE,
+    YAW_VALUE,
+)
 from ...tuning import Tunable
 from ..mechanization import wrap_angle
 from ..state import AGE_STEP_NS, AGES, NAVIGATING, NEVER_NS, NO_AGE, SNAPSHOTS
@@ -40,6 +49,7 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("age_interval_s", 0.19, "s", "Least time between readings that an age is learned from.", "5 Hz suffice."),
     Tunable("age_mean_s", 3.0, "s", "Time of the mean that is subtracted.", "Choice: a change of speed."),
+    Tunable("age_gap_s", 2.0, "s", "Pause after which that mean begins anew.", "Choice."),
     Tunable("age_correlation_s", 1.0, "s", "Correlation time of what is left.", "A slip, an error of the map."),
     Tunable("age_gate", 9.0, "NIS", "Bound of the square of what is left.", "Three sigma."),
     Tunable("age_speed_noise", 0.05, "m/s", "What is left of a speed of the right age, besides its sigma.", "Choice."),
@@ -50,7 +60,6 @@ TUNABLES = (
     Tunable("age_drift_s", 1000.0, "s", "Time in which an age moves by a step of the bank.", "0.1 ms in a second."),
 )
 AHEAD_NS = 50_000_000  # an epoch may be newer than the newest sample by that, as samples arrive in bursts
-GAP_S = 2.0  # after such a pause the mean begins anew
 
 
 @kernel
@@ -72,9 +81,9 @@ def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu) -> tuple[float, fl
     if m.kind == POSE_SOURCE:
         l = p.pose_lever_arm  # noqa: E741 as in the literature
         arm = quat_rotate(q, (l[0], l[1], l[2]))
-        east = (nav.lon - m.value[1]) * math.fabs(elementary.cos(m.value[0]))
-        turn = yaw_difference(q, m.value[3]) if math.isfinite(m.value[3]) else 0.0
-        return SEMI_MAJOR_M * (nav.lat - m.value[0]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
+        east = (nav.lon - m.value[LON_VALUE]) * math.fabs(elementary.cos(m.value[LAT_VALUE]))
+        turn = yaw_difference(q, m.value[YAW_VALUE]) if math.isfinite(m.value[YAW_VALUE]) else 0.0
+        return SEMI_MAJOR_M * (nav.lat - m.value[LAT_VALUE]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
     v = quat_rotate_back(q, (nav.v_n[0], nav.v_n[1], nav.v_n[2]))
     if m.kind == BODY_VELOCITY_SOURCE:
         return v[0], 0.0, 0.0
@@ -106,9 +115,9 @@ def remainder(
 
     Infinite until the mean has been taken over its whole time.
     """
-    if not dt < GAP_S or g.known_s[i] == 0.0:
+    if not dt < p.tuning.age_gap_s or g.known_s[i] == 0.0:
         g.known_s[i], g.mean[i, 0], g.mean[i, 1], g.mean[i, 2] = 0.0, x, y, turn
-    g.known_s[i] += min(dt, GAP_S)
+    g.known_s[i] += min(dt, p.tuning.age_gap_s)
     dx, dy, turned = x - g.mean[i, 0], y - g.mean[i, 1], wrap_angle(turn - g.mean[i, 2])
     nis = (dx * dx + dy * dy) / noise + turned * turned / turn_noise
     share = min(dt / min(p.tuning.age_mean_s, g.known_s[i]), 1.0)
@@ -215,7 +224,7 @@ def learn_age(p: Parameters, s: State, m: Measurement) -> None:
         return
     if m.kind in (POSE_SOURCE, VELOCITY_SOURCE) and not math.isfinite(m.value[1]):
         return
-    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * GAP_S
+    dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else 2.0 * p.tuning.age_gap_s
     if c.alignment.mode != NAVIGATING or m.t_ns > c.nav.t_ns + AHEAD_NS or dt < p.tuning.age_interval_s:
         return
     g.last_ns = m.t_ns

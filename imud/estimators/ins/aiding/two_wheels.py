@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import Vector, dot
-from ...records import WHEEL_YAW_RATE
+from ...records import DIFFERENCE_VALUE, SPEED_VALUE, WHEEL_YAW_RATE
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import correlated_update, write_innovation
@@ -67,7 +67,7 @@ def fuse_yaw_rate(
     base = p.track_width * (1.0 + c.nav.odometer_scale)
     u = vertical_axis(c)
     rate = dot(u, w)
-    measured, speed = c.odometer.direction * m.value[1] / base, m.value[0]
+    measured, speed = c.odometer.direction * m.value[DIFFERENCE_VALUE] / base, m.value[SPEED_VALUE]
     z = measured - rate
     lasting = (p.tuning.track_width_error * rate) ** 2 + (p.tuning.wheel_radius_difference * speed / base) ** 2
     r = 2.0 * noise[0] / base**2 + p.gyro_psd / p.period + p.tuning.wheel_rate_sigma**2 + lasting

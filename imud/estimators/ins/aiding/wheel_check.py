@@ -29,7 +29,6 @@ from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOC
 if TYPE_CHECKING:
     from ..types import Core, Parameters
 
-RECENT_CONTRADICTION = 0.5  # of the count: one contradiction, and at most one agreement since
 TUNABLES = (
     Tunable(
         "wheel_fresh_s", 10.0, "s", "Age of the last used reading up to which wheels support the velocity.", "Slips."
@@ -57,6 +56,13 @@ TUNABLES = (
         "fixes",
         "Number of contradictions by which drift and wrong heading are distinguished; an agreement halves it.",
         "Choice.",
+    ),
+    Tunable(
+        "wheel_open_count",
+        0.5,
+        "fixes",
+        "Number of contradictions from which either may be wrong.",
+        "One, and at most one agreement since.",
     ),
     Tunable(
         "wheel_evidence",
@@ -98,7 +104,7 @@ def wheels_reject(p: Parameters, c: Core) -> bool:
 @kernel
 def wheels_contradict(p: Parameters, c: Core) -> bool:
     """Whether the receiver drifts by the wheels, or one of its last velocities contradicts them."""
-    return bool(wheels_reject(p, c) or (wheels_support(p, c) and c.wheel_check.count >= RECENT_CONTRADICTION))
+    return bool(wheels_reject(p, c) or (wheels_support(p, c) and c.wheel_check.count >= p.tuning.wheel_open_count))
 
 
 @kernel

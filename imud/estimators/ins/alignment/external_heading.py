@@ -1,4 +1,4 @@
-"""A heading measured during coarse alignment, by two antennas or a gyro compass, is accepted once the tilt is known."""
+"""Headings of two antennas or a gyro compass: accepted once the tilt is known, and monitored while navigating."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ..aiding.heading import check_turns, contradicts_itself, distrust_compass, fuse_heading, heading_of, sigma_of
 from ..ekf import decorrelate
 from ..glr_tests.compass_offset import open_compass_offset
+from ..heading_boresight import begin_boresight, share_boresight
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading
-from .modes import HEADING_KNOWN, change_mode
+from .modes import HEADING_KNOWN, HEADING_LOST, HEADING_WRONG, change_mode
 from .velocity_pairs import is_levelled
 
 if TYPE_CHECKING:
+    from ...types import Innovation, Measurement
     from ..types import Core, Parameters
 
 
@@ -34,3 +37,25 @@ def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> bool
         change_mode(p, c, HEADING_KNOWN)
     open_compass_offset(c, True)
     return True
+
+
+@kernel
+def align_with_compass(p: Parameters, c: Core, m: Measurement) -> None:
+    """Replace the arbitrary origin of the heading by that of a compass, unless the motion has contradicted it."""
+    if c.heading_aid.distrusted:
+        return
+    begin_boresight(p, c)
+    if align_with_heading(p, c, heading_of(p, c, m), sigma_of(p, m)):
+        share_boresight(c)
+
+
+@kernel
+def fuse_monitored_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
+    """Fuse a heading while navigating, and begin anew where it shows that the heading is wrong that a compass gave."""
+    rows = fuse_heading(p, c, m, innovations)
+    if contradicts_itself(p, c, m):
+        distrust_compass(p, c)
+        change_mode(p, c, HEADING_LOST)
+    elif check_turns(p, c):
+        change_mode(p, c, HEADING_WRONG)
+    return rows

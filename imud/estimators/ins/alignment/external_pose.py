@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ...records import HEIGHT_VALUE, LAT_VALUE, LON_VALUE, YAW_VALUE
 from ..aiding.external_pose import element_sigma
 from ..aiding.gnss_noise import count_fix
 from ..ekf import decorrelate
@@ -25,19 +26,19 @@ def align_with_pose(p: Parameters, c: Core, m: Measurement) -> None:
     A heading that the motion has contradicted is left out. Where it is known from elsewhere, the end of a window of
     samples starts navigation.
     """
-    if not math.isfinite(m.value[1]):
+    if not math.isfinite(m.value[LON_VALUE]):
         return
     if c.gnss.last_used_ns == NEVER_NS:  # so the position is that of the IMU, as one that the user gives
-        set_position(c, m.value[0], m.value[1], m.value[2])
+        set_position(c, m.value[LAT_VALUE], m.value[LON_VALUE], m.value[HEIGHT_VALUE])
         l = p.pose_lever_arm  # noqa: E741 as in the literature
         arm = body_to_ned(c, (l[0], l[1], l[2]))
         displace(c, -arm[0], -arm[1], -arm[2])
-        turned2 = 0.0 if math.isfinite(m.value[3]) else l[0] ** 2 + l[1] ** 2 + l[2] ** 2
+        turned2 = 0.0 if math.isfinite(m.value[YAW_VALUE]) else l[0] ** 2 + l[1] ** 2 + l[2] ** 2
         for i in range(3):
-            known = i < 2 or math.isfinite(m.value[2])
+            known = i < 2 or math.isfinite(m.value[HEIGHT_VALUE])
             sigma = element_sigma(p, m, i) if known else p.tuning.unknown_height
             decorrelate(c, POSITION + i, sigma**2 + turned2)
         if c.gnss.fix_count == 0:
             count_fix(c)
-    if math.isfinite(m.value[3]) and not c.pose.distrusted:
-        align_with_heading(p, c, m.value[3], element_sigma(p, m, 3))
+    if math.isfinite(m.value[YAW_VALUE]) and not c.pose.distrusted:
+        align_with_heading(p, c, m.value[YAW_VALUE], element_sigma(p, m, YAW_VALUE))

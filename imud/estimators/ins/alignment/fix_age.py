@@ -59,6 +59,15 @@ TUNABLES = (
     Tunable("fix_age_memory_s", 60.0, "s", "Time constant of the sums over pairs.", "Gyro bias turns the level frame."),
     Tunable("fix_age_accel_sigma", 0.1, "m/s^2", "Least noise of a pair's acceleration.", "Scale errors, vibration."),
     Tunable("fix_age_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
+    Tunable("fix_age_min_pairs", 5.0, "pairs", "Pairs of fixes from which an age is sought.", "Choice."),
+    Tunable(
+        "fix_age_pair_share",
+        0.9,
+        "",
+        "Least share of the pairs that an age has which is compared with the others.",
+        "Choice.",
+        high=0.99,
+    ),
     Tunable("fix_age_residual", 0.4, "", "Largest share of the acceleration that the age may not explain.", "Choice."),
     Tunable("fix_age_prior", 0.01, "", "Probability of any age at all.", "Choice.", high=0.5),
     Tunable("fix_age_tolerance", 0.25, "s", "Error of the time offset that the alignment bears.", "Simulated starts."),
@@ -69,7 +78,6 @@ TUNABLES = (
 # variance of A
 PAIRS, MOVING, INERTIAL, GNSS, PRODUCT, INERTIAL_SQUARE, GNSS_SQUARE, STATED_NOISE = 0, 1, 2, 4, 6, 8, 9, 10
 SUMS = 11
-LEAST_PAIRS = 5.0
 
 
 @kernel
@@ -161,7 +169,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
     reported = math.isfinite(vn) and math.isfinite(ve)
     noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[0] / dt**4
     if not reported:
-        north, east = ned_difference(c, g.place[0], g.place[1], fix.lat, fix.lon)
+        north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
         vn, ve = north / dt, east / dt
     change = ((vn - g.velocity[0]) / dt, (ve - g.velocity[1]) / dt)
     k, oldest = s.snapshot_count, max(0, s.snapshot_count - SNAPSHOTS)
@@ -183,7 +191,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
             g.sums[i, m] *= decay
         compare_age(c, g, i, earlier, share, dt, reported, change, noise)
     g.last_ns, g.origin_ns = fix.t_ns, c.alignment.origin_ns
-    g.velocity[0], g.velocity[1], g.place[0], g.place[1] = vn, ve, fix.lat, fix.lon
+    g.velocity[0], g.velocity[1], g.lat, g.lon = vn, ve, fix.lat, fix.lon
 
 
 @kernel
@@ -196,7 +204,7 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
         most = max(most, g.sums[i, PAIRS])
     for i in range(AGES):
         energy[i] = math.inf
-        if most >= LEAST_PAIRS and g.sums[i, PAIRS] > 0.9 * most:
+        if most >= p.tuning.fix_age_min_pairs and g.sums[i, PAIRS] > p.tuning.fix_age_pair_share * most:
             energy[i], gnss2 = residual_energy(g, i)
             if best < 0 or energy[i] < energy[best]:
                 best, accel2 = i, gnss2

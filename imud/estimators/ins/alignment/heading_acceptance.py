@@ -82,7 +82,7 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
 def accept_heading(p: Parameters, c: Core, found: tuple[float, float, float, float, float]) -> bool:
     """Rotate to the heading that `solve_heading` found, if its sigma is small enough; fuse its frame rate, too."""
     psi, sigma, rate, rate_variance, covariance = found
-    ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity[2] > 0.0 else p.tuning.max_start_heading
+    ready = p.tuning.max_start_heading_positions if c.alignment.mean_velocity_s > 0.0 else p.tuning.max_start_heading
     if sigma * sigma + rate_variance * p.tuning.heading_horizon_s**2 > ready**2:
         return False
     length = vertical_bias_jacobian(c)

@@ -66,23 +66,23 @@ def low_motion_speed(p: Parameters, c: Core, lat: float, lon: float) -> float:
     a = c.alignment
     dt = 1e-9 * (c.nav.t_ns - a.low_motion_ns)
     if dt > c.stationarity.low_motion_count * p.tuning.rest_window_s:
-        a.low_motion_position[0], a.low_motion_position[1] = lat, lon
+        a.low_motion_lat, a.low_motion_lon = lat, lon
         a.low_motion_ns = c.nav.t_ns
         return math.nan
     if dt <= 0.0 or p.tuning.speed_sigmas**2 * differenced_velocity_variance(p, c, dt) > p.tuning.rest_speed**2:
         return math.nan
-    north, east = ned_difference(c, a.low_motion_position[0], a.low_motion_position[1], lat, lon)
+    north, east = ned_difference(c, a.low_motion_lat, a.low_motion_lon, lat, lon)
     return float(elementary.hypot(north, east) / dt)
 
 
 @kernel
 def speed_from_positions(p: Parameters, c: Core, lat: float, lon: float) -> float:
     """Speed differenced from positions, m/s: of the last pair, or since low motion began; NaN where it may be noise."""
-    speed_since_low_motion, mean = low_motion_speed(p, c, lat, lon), c.alignment.mean_velocity
-    if mean[2] > 0.0:
-        speed = elementary.hypot(mean[0], mean[1])
+    speed_since_low_motion, a = low_motion_speed(p, c, lat, lon), c.alignment
+    if a.mean_velocity_s > 0.0:
+        speed = elementary.hypot(a.mean_velocity[0], a.mean_velocity[1])
         # the GNSS bias hardly changes within a pair
-        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / mean[2]
+        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / a.mean_velocity_s
         if speed > p.tuning.speed_sigmas * sigma or p.tuning.speed_sigmas * sigma < p.tuning.rest_speed:
             return speed
     return speed_since_low_motion
@@ -94,10 +94,10 @@ def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
 
     Without a reported velocity the mean over the last pair of positions is used: it is as old as half the pair.
     """
-    noise, mean = c.gnss.velocity_noise_var, c.alignment.mean_velocity
+    noise, a = c.gnss.velocity_noise_var, c.alignment
     if not (math.isfinite(vn) and math.isfinite(ve)):
-        vn, ve, dt = mean[0], mean[1], mean[2]
-        if not dt > 0.0 or c.alignment.pair_start_ns != c.nav.t_ns:
+        vn, ve, dt = a.mean_velocity[0], a.mean_velocity[1], a.mean_velocity_s
+        if not dt > 0.0 or a.pair_start_ns != c.nav.t_ns:
             return
         turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
         noise = 2.0 * c.gnss.noise_var[0] / dt**2 + turned**2 * (vn**2 + ve**2)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ...records import EARTH_DOWN_VALUE, EARTH_EAST_VALUE, EARTH_NORTH_VALUE
 from ..aiding.magnetometer import (
     distrust_after_inflation,
     field_innovation,
@@ -36,7 +37,7 @@ def align_with_field(p: Parameters, c: Core, m: Measurement) -> None:
     if not steady or is_contradicted(p, c, m):
         return
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    steepness2 = m.value[5] ** 2 / (m.value[3] ** 2 + m.value[4] ** 2)
+    steepness2 = m.value[EARTH_DOWN_VALUE] ** 2 / (m.value[EARTH_NORTH_VALUE] ** 2 + m.value[EARTH_EAST_VALUE] ** 2)
     sigma = math.sqrt(field_variance(p, c, m) + steepness2 * tilt2)
     known = c.alignment.heading_sigma
     if sigma > p.tuning.max_start_heading or 0.0 < known < sigma:

@@ -18,18 +18,25 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("applied_corrections", "<f8", (3, 2)),  # the sum of those that the integrals have had
         ("corrections", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
         ("pair_start_ns", "<i8"),  # last fix used for alignment
-        ("pair_start", "<f8", (6,)),  # its velocity, latitude and longitude, and the acceleration
+        ("pair_velocity", "<f8", (2,)),  # m/s, its velocity north and east; NaN: it reported none
+        ("pair_lat", "<f8"),  # rad, its position
+        ("pair_lon", "<f8"),
+        ("pair_accel", "<f8", (2,)),  # m/s^2, smoothed acceleration north and east then
         ("pair_integrals", "<f8", (4, 2)),  # integrals then
         ("pair_double_integrals", "<f8", (4, 2)),
-        ("mean_velocity", "<f8", (3,)),  # m/s north, east, of the last pair of positions; its s, 0: none
+        ("mean_velocity", "<f8", (2,)),  # m/s, north and east, of the last pair of positions
+        ("mean_velocity_s", "<f8"),  # s, time between them; 0: there was none
         ("mean_integrals", "<f8", (4, 2)),
-        ("low_motion_position", "<f8", (2,)),  # latitude and longitude of the first fix since motion is low
+        ("low_motion_lat", "<f8"),  # rad, position of the first fix since motion is low
+        ("low_motion_lon", "<f8"),
         ("low_motion_ns", "<i8"),
         ("origin_ns", "<i8"),
-        ("position_origin", "<f8", (2,)),  # latitude and longitude from which the positions of fixes are counted
+        ("origin_lat", "<f8"),  # rad, from where the positions of fixes are counted
+        ("origin_lon", "<f8"),
         ("last_match_ns", "<i8"),  # last fix matched
         ("vector_start_ns", "<i8"),  # last fix at which a pair of vectors ended
-        ("vector_start", "<f8", (6,)),  # its velocity NED; the antenna's to the IMU, vectors' frame; m/s
+        ("vector_velocity", "<f8", (3,)),  # m/s, its velocity, NED
+        ("vector_arm_velocity", "<f8", (3,)),  # m/s, that of the antenna to the IMU, vectors' frame
         ("vector_q", "<f8", (4,)),  # body axes to the vectors' frame, which is fixed: the body's at the first fix
         ("vector_bias", "<f8", (3,)),  # rad/s, gyro bias with which they are integrated
         ("vector_force", "<f8", (3,)),  # m/s, integral of specific force since that fix, in the vectors' frame
@@ -37,6 +44,17 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("vector_sensitivity", "<f8", (3, 3)),  # m, vector_force per gyro bias
         ("reject_count", "<i8"),  # fixes in a row that contradict the specific force
         ("heading_fault_count", "<i8"),  # pairs in a row that contradict the heading
+    ],
+    align=True,
+)
+
+VECTOR_PAIR = np.dtype(  # the change of velocity between two fixes, as both sensors have it
+    [
+        ("gnss", "<f8", (3,)),  # m/s, of the receiver less gravity, NED
+        ("force", "<f8", (3,)),  # m/s, of the IMU and the lever arm, in the vectors' frame
+        ("sensitivity", "<f8", (3, 3)),  # m, of that per gyro bias
+        ("level_variance", "<f8"),  # m^2/s^2, of each level component
+        ("down_variance", "<f8"),
     ],
     align=True,
 )
@@ -54,7 +72,7 @@ HYPOTHESIS_BANK = np.dtype(
         ("last_integrals", "<f8", (4, 2)),  # the core's then
         ("last_double_integrals", "<f8", (4, 2)),
         ("vector_count", "<i8"),
-        ("vectors", "<f8", (VECTORS, 17)),  # receiver, IMU, m/s; IMU per gyro bias, m; variances
+        ("vectors", VECTOR_PAIR, (VECTORS,)),
         # scratch
         ("vector_normal", "<f8", (6, 13)),
         ("vector_product", "<f8", (2, 4, 4)),
@@ -71,7 +89,8 @@ FIX_AGE = np.dtype(  # by how much the fixes are older than their epochs, while 
     [
         ("last_ns", "<i8"),  # epoch of the last fix that was compared
         ("origin_ns", "<i8"),  # of the integrals then
-        ("place", "<f8", (2,)),  # rad, its latitude and longitude
+        ("lat", "<f8"),  # rad, its position
+        ("lon", "<f8"),
         ("velocity", "<f8", (2,)),  # m/s, north and east, its velocity, or the mean since the one before
         ("integrals", "<f8", (AGES, 2, 4, 2)),  # at its epoch less each age: integrals, double integrals; NaN: unknown
         ("sums", "<f8", (AGES, 11)),  # over pairs of fixes

@@ -25,11 +25,6 @@ from ..fusion import correct_state
 from ..mechanization import ned_to_body, set_attitude
 from ..state import ATTITUDE, GYRO_BIAS
 from .vector_pairs import (
-    DOWN_VARIANCE,
-    FORCE,
-    GNSS,
-    LEVEL_VARIANCE,
-    SENSITIVITY,
     vector_quaternion,
 )
 from .velocity_pairs import restart_in_motion_alignment
@@ -82,8 +77,8 @@ def davenport_attitude(b: HypothesisBank) -> Quaternion:
     K[:] = 0.0
     size = 0.0
     for k in range(b.vector_count):
-        r, w = b.vectors[k], 1.0 / b.vectors[k, LEVEL_VARIANCE]
-        n, f = (r[GNSS], r[GNSS + 1], r[GNSS + 2]), (r[FORCE], r[FORCE + 1], r[FORCE + 2])
+        r, w = b.vectors[k], 1.0 / b.vectors[k].level_variance
+        n, f = (r.gnss[0], r.gnss[1], r.gnss[2]), (r.force[0], r.force[1], r.force[2])
         z = cross(f, n)
         K[0, 0] += w * dot(n, f)
         for i in range(3):
@@ -132,18 +127,18 @@ def add_equations(b: HypothesisBank, k: int, C: Matrix, db: Vector) -> float:
     h = np.empty(6)
     u = np.empty(3)
     for i in range(3):
-        s = SENSITIVITY + 3 * i
-        f[i] = r[FORCE + i] + r[s] * db[0] + r[s + 1] * db[1] + r[s + 2] * db[2]
+        g = r.sensitivity
+        f[i] = r.force[i] + g[i, 0] * db[0] + g[i, 1] * db[1] + g[i, 2] * db[2]
     for i in range(3):
         u[i] = C[3 * i] * f[0] + C[3 * i + 1] * f[1] + C[3 * i + 2] * f[2]
     for axis in range(3):
-        w = 1.0 / (r[DOWN_VARIANCE] if axis == 2 else r[LEVEL_VARIANCE])
-        z = r[GNSS + axis] - u[axis]
+        w = 1.0 / (r.down_variance if axis == 2 else r.level_variance)
+        z = r.gnss[axis] - u[axis]
         h[0], h[1], h[2] = rotation_row(axis, (u[0], u[1], u[2]))
         for j in range(3):
             h[3 + j] = 0.0
             for i in range(3):
-                h[3 + j] += C[3 * axis + i] * r[SENSITIVITY + 3 * i + j]
+                h[3 + j] += C[3 * axis + i] * r.sensitivity[i, j]
         for i in range(6):
             for j in range(6):
                 N[i, j] += w * h[i] * h[j]

@@ -55,7 +55,6 @@ TUNABLES = (
         "Choice.",
     ),
 )
-GNSS, FORCE, SENSITIVITY, LEVEL_VARIANCE, DOWN_VARIANCE = 0, 3, 6, 15, 16  # columns of `vectors`
 
 
 @kernel
@@ -102,7 +101,7 @@ def start_vector(c: Core, v: Vector, arm: Vector) -> None:
     a.vector_force[:] = 0.0
     a.vector_sensitivity[:] = 0.0
     for i in range(3):
-        a.vector_start[i], a.vector_start[3 + i] = v[i], arm[i]
+        a.vector_velocity[i], a.vector_arm_velocity[i] = v[i], arm[i]
 
 
 @kernel
@@ -136,21 +135,21 @@ def match_vectors(p: Parameters, c: Core, b: HypothesisBank, v: Vector, noise2: 
     arm = quat_rotate(vector_quaternion(c), ned_to_body(c, antenna_velocity(c)))
     if b.vector_count == VECTORS:
         drop_oldest(b)
-    row, first = b.vectors[b.vector_count], a.vector_start
+    pair, first = b.vectors[b.vector_count], a.vector_velocity
     vertical = math.isfinite(v[2]) and math.isfinite(first[2])
-    row[GNSS], row[GNSS + 1] = v[0] - first[0], v[1] - first[1]
-    row[GNSS + 2] = (v[2] - first[2] if vertical else 0.0) - gravity(c.nav.lat, c.nav.height) * dt
+    pair.gnss[0], pair.gnss[1] = v[0] - first[0], v[1] - first[1]
+    pair.gnss[2] = (v[2] - first[2] if vertical else 0.0) - gravity(c.nav.lat, c.nav.height) * dt
     for i in range(3):
-        row[FORCE + i] = a.vector_force[i] + arm[i] - first[3 + i]
+        pair.force[i] = a.vector_force[i] + arm[i] - a.vector_arm_velocity[i]
         for j in range(3):
-            row[SENSITIVITY + 3 * i + j] = a.vector_sensitivity[i, j]
+            pair.sensitivity[i, j] = a.vector_sensitivity[i, j]
     timing2 = 0.0
     if b.vector_count > 0:
         before = b.vectors[b.vector_count - 1]
         for i in range(3):
-            timing2 += variance(c, TIME_OFFSET) * ((row[GNSS + i] - before[GNSS + i]) / dt) ** 2
-    row[LEVEL_VARIANCE] = 2.0 * noise2 + (p.tuning.vector_accel_sigma * dt) ** 2 + timing2
-    row[DOWN_VARIANCE] = row[LEVEL_VARIANCE] + (0.0 if vertical else p.tuning.vector_vertical_sigma**2)
+            timing2 += variance(c, TIME_OFFSET) * ((pair.gnss[i] - before.gnss[i]) / dt) ** 2
+    pair.level_variance = 2.0 * noise2 + (p.tuning.vector_accel_sigma * dt) ** 2 + timing2
+    pair.down_variance = pair.level_variance + (0.0 if vertical else p.tuning.vector_vertical_sigma**2)
     b.vector_count += 1
     start_vector(c, v, arm)
     return True
@@ -160,6 +159,5 @@ def match_vectors(p: Parameters, c: Core, b: HypothesisBank, v: Vector, noise2: 
 def drop_oldest(b: HypothesisBank) -> None:
     """Forget the oldest pair of vectors."""
     for k in range(VECTORS - 1):
-        for i in range(17):
-            b.vectors[k, i] = b.vectors[k + 1, i]
+        b.vectors[k] = b.vectors[k + 1]
     b.vector_count -= 1

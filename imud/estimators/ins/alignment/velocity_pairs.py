@@ -89,8 +89,8 @@ def start_pair(c: Core, lat: float, lon: float, vn: float, ve: float) -> None:
     for k in range(4):
         for i in range(2):
             a.pair_integrals[k, i], a.pair_double_integrals[k, i] = a.integrals[k, i], a.double_integrals[k, i]
-    first = a.pair_start
-    first[0], first[1], first[2], first[3], first[4], first[5] = vn, ve, lat, lon, c.imu.accel_n[0], c.imu.accel_n[1]
+    a.pair_velocity[0], a.pair_velocity[1], a.pair_lat, a.pair_lon = vn, ve, lat, lon
+    a.pair_accel[0], a.pair_accel[1] = c.imu.accel_n[0], c.imu.accel_n[1]
 
 
 @kernel
@@ -110,10 +110,8 @@ def level_with_pair(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> 
 @kernel
 def timing_velocity_variance(c: Core) -> float:
     """Variance, m^2/s^2, of the velocity change since the pair's start that the time offset's variance causes."""
-    return float(
-        variance(c, TIME_OFFSET)
-        * ((c.imu.accel_n[0] - c.alignment.pair_start[4]) ** 2 + (c.imu.accel_n[1] - c.alignment.pair_start[5]) ** 2)
-    )
+    now, then = c.imu.accel_n, c.alignment.pair_accel
+    return float(variance(c, TIME_OFFSET) * ((now[0] - then[0]) ** 2 + (now[1] - then[1]) ** 2))
 
 
 @kernel
@@ -165,21 +163,20 @@ def match_pair(
         apply_corrections(p, c, b)
         match_fix(p, c, b, lat, lon, vn, ve, noise2)
     dt = 1e-9 * (c.nav.t_ns - a.pair_start_ns)
-    first = a.pair_start
-    known = math.isfinite(vn) and math.isfinite(first[0])
+    known = math.isfinite(vn) and math.isfinite(a.pair_velocity[0])
     if dt < p.tuning.pair_min_s or (not known and dt < pair_duration(p, c)):
         return
     if not matching:
         apply_corrections(p, c, b)
     if dt > max(p.tuning.pair_max_s, 2.0 * pair_duration(p, c)):
-        a.mean_velocity[2] = 0.0
+        a.mean_velocity_s = 0.0
     elif known:
         for k in range(4):
             for i in range(2):
                 c.scratch.integral_change[k, i] = a.integrals[k, i] - a.pair_integrals[k, i]
-        level_with_pair(p, c, vn - first[0], ve - first[1], dt)
+        level_with_pair(p, c, vn - a.pair_velocity[0], ve - a.pair_velocity[1], dt)
     else:
-        north, east = ned_difference(c, first[2], first[3], lat, lon)
+        north, east = ned_difference(c, a.pair_lat, a.pair_lon, lat, lon)
         pair_mean_velocities(p, c, north / dt, east / dt, dt)
     start_pair(c, lat, lon, vn, ve)
 
@@ -211,7 +208,7 @@ def match_fix(
     a.last_match_ns = c.nav.t_ns
     timing2 = timing_position_variance(c, b)
     if dt == math.inf:
-        a.position_origin[0], a.position_origin[1] = lat, lon
+        a.origin_lat, a.origin_lon = lat, lon
         clear_integrals(c)
         clear_hypotheses(b)
         restart_matching(p, c, b)
@@ -227,7 +224,7 @@ def match_fix(
             c,
             b,
             True,
-            ned_difference(c, a.position_origin[0], a.position_origin[1], lat, lon),
+            ned_difference(c, a.origin_lat, a.origin_lon, lat, lon),
             c.gnss.noise_var[0] + timing2,
         )
 
@@ -264,18 +261,18 @@ def match_if_consistent(
 @kernel
 def pair_mean_velocities(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> None:
     """From positions alone: level with the change of the mean velocity (vn, ve; m/s, over `dt` s)."""
-    a, s = c.alignment, c.alignment.mean_velocity
+    a, v = c.alignment, c.alignment.mean_velocity
     for k in range(4):
         for i in range(2):
             mean = (a.double_integrals[k, i] - a.pair_double_integrals[k, i]) / dt
             c.scratch.integral_change[k, i] = mean - a.mean_integrals[k, i]
             a.mean_integrals[k, i] = mean
-    if s[2] > 0.0 and exceeds_force(p, c, vn - s[0], ve - s[1], dt):
-        s[2] = 0.0
+    if a.mean_velocity_s > 0.0 and exceeds_force(p, c, vn - v[0], ve - v[1], dt):
+        a.mean_velocity_s = 0.0
         return
-    if s[2] > 0.0:
-        level_with_pair(p, c, vn - s[0], ve - s[1], c.scratch.integral_change[TIME, 0])
-    s[0], s[1], s[2] = vn, ve, dt
+    if a.mean_velocity_s > 0.0:
+        level_with_pair(p, c, vn - v[0], ve - v[1], c.scratch.integral_change[TIME, 0])
+    v[0], v[1], a.mean_velocity_s = vn, ve, dt
 
 
 @kernel
@@ -306,7 +303,7 @@ def restart_in_motion_alignment(c: Core) -> None:
     clear_integrals(c)
     restart_vectors(c)
     a.pair_start_ns = a.last_match_ns = NEVER_NS
-    a.mean_velocity[2] = 0.0
+    a.mean_velocity_s = 0.0
     a.heading_fault_count = 0
 
 

@@ -89,11 +89,12 @@ def judge_current(c: Core, slip2: float, current2: float) -> float:
     slip2, current2: variances of a component of the apparent current of both, m^2/s^2.
     """
     g, V = c.current, c.faults.sensitivity
-    found = current_posterior(c, current2)
-    ratio = current_posterior(c, slip2)[5] - found[5]
+    north, east, nn, ne, ee, log_likelihood = current_posterior(c, current2)
+    _, _, _, _, _, of_slip = current_posterior(c, slip2)
+    ratio = of_slip - log_likelihood
     vn, ve = V[ATTITUDE + 2, CURRENT_FAULT], V[ATTITUDE + 2, CURRENT_FAULT + 1]
-    turned = vn * found[0] + ve * found[1]
-    variance = vn * vn * found[2] + 2.0 * vn * ve * found[3] + ve * ve * found[4]
+    turned = vn * north + ve * east
+    variance = vn * vn * nn + 2.0 * vn * ve * ne + ve * ve * ee
     g.heading_variance = (turned * turned + variance) / (1.0 + elementary.exp(min(max(ratio, -30.0), 30.0)))
     return float(ratio)
 
@@ -101,8 +102,8 @@ def judge_current(c: Core, slip2: float, current2: float) -> float:
 @kernel
 def remove_current(c: Core, current2: float) -> None:
     """Gather in scratch.x what the most likely current has done, and add its covariance to P."""
-    found = current_posterior(c, current2)
-    remove_drift(c, CURRENT_FAULT, (found[0], found[1]), found[2], found[3], found[4])
+    north, east, nn, ne, ee, _ = current_posterior(c, current2)
+    remove_drift(c, CURRENT_FAULT, (north, east), nn, ne, ee)
     close_current(c)
 
 

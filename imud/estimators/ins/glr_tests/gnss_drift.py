@@ -89,21 +89,21 @@ def clear_likely_drift(c: Core) -> None:
 
 
 @kernel
-def state_likely_drift(c: Core, j: int, found: tuple[float, float, float, float, float, float], either: bool) -> None:
-    """Store what the likely drift `found` since onset j adds to the stated variances.
+def state_likely_drift(c: Core, j: int, drift: tuple[float, float], either: bool) -> None:
+    """Store what the likely drift north and east, m/s, since onset j adds to the stated variances.
 
     either: instead of the positions the receiver's velocity may be wrong, by as much the other way.
     """
     g, u, n = c.drift, c.faults.sensitivity, DRIFT_FAULT + 2 * j
     since_s = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
     for i in range(2):
-        p = u[POSITION + i, n] * found[0] + u[POSITION + i, n + 1] * found[1]
-        v = u[VELOCITY + i, n] * found[0] + u[VELOCITY + i, n + 1] * found[1]
+        p = u[POSITION + i, n] * drift[0] + u[POSITION + i, n + 1] * drift[1]
+        v = u[VELOCITY + i, n] * drift[0] + u[VELOCITY + i, n + 1] * drift[1]
         g.position_variance[i] = max(g.position_variance[i], p * p)
         g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
         if either:
-            g.position_variance[i] = max(g.position_variance[i], (found[i] * since_s - p) ** 2)
-            g.velocity_variance[i] = max(g.velocity_variance[i], (found[i] - v) ** 2)
+            g.position_variance[i] = max(g.position_variance[i], (drift[i] * since_s - p) ** 2)
+            g.velocity_variance[i] = max(g.velocity_variance[i], (drift[i] - v) ** 2)
 
 
 @kernel
@@ -222,8 +222,8 @@ def explained_by_drift(p: Parameters, c: Core) -> float:
     g, most = c.drift, 0.0
     for j in range(ONSETS):
         if g.onset_ns[j] != NEVER_NS:
-            found = estimate_drift(p, c, j, g.noise_scale)
-            most = max(most, found[0] * g.information_vector[j, 0] + found[1] * g.information_vector[j, 1])
+            north, east, _, _, _, _ = estimate_drift(p, c, j, g.noise_scale)
+            most = max(most, north * g.information_vector[j, 0] + east * g.information_vector[j, 1])
     return float(most / g.noise_scale)
 
 
@@ -260,20 +260,21 @@ def detect_drift(p: Parameters, c: Core, either: bool) -> bool:
             oldest = j
         youngest_s = min(youngest_s, age)
         if p.tuning.min_drift_s < age < math.inf and g.innovation_count[j] >= 2 * p.tuning.min_drift_fixes:
-            found = estimate_drift(p, c, j, g.noise_scale)
-            if found[5] > p.tuning.likely_drift_chi2:
-                state_likely_drift(c, j, found, either)
-            if found[5] > worst:
-                best, worst = j, found[5]
+            north, east, _, _, _, chi2 = estimate_drift(p, c, j, g.noise_scale)
+            if chi2 > p.tuning.likely_drift_chi2:
+                state_likely_drift(c, j, (north, east), either)
+            if chi2 > worst:
+                best, worst = j, chi2
     if worst > p.tuning.drift_chi2 and all_onsets_open(c):
-        found = estimate_drift(p, c, best, g.noise_scale)
-        remove_drift(c, DRIFT_FAULT + 2 * best, (found[0], found[1]), found[2], found[3], found[4])
-        g.since_ns, g.velocity[0], g.velocity[1] = g.onset_ns[best], found[0], found[1]
+        north, east, nn, ne, ee, _ = estimate_drift(p, c, best, g.noise_scale)
+        remove_drift(c, DRIFT_FAULT + 2 * best, (north, east), nn, ne, ee)
+        g.since_ns, g.velocity[0], g.velocity[1] = g.onset_ns[best], north, east
         reset_drift(c)
         g.detected = BY_POSITIONS
         return True
     if youngest_s >= p.tuning.onset_interval_s:
         if g.onset_ns[oldest] != NEVER_NS:
-            learn_gnss_noise_scale(p, c, 0.5 * estimate_drift(p, c, oldest, 1.0)[5])
+            _, _, _, _, _, chi2 = estimate_drift(p, c, oldest, 1.0)
+            learn_gnss_noise_scale(p, c, 0.5 * chi2)
         open_onset(c, oldest)
     return False

@@ -180,15 +180,15 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
 
 
 @kernel
-def state_likely_drift(c: Core, j: int, found: Any) -> None:
-    """Store what the likely drift `found` since onset j adds to the stated variances."""
+def state_likely_drift(c: Core, j: int, north: float, east: float) -> None:
+    """Store what the likely drift north and east, m/s, since onset j adds to the stated variances."""
     g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(j)
     for i in range(2):
-        p = u[POSITION + i, n] * found[0] + u[POSITION + i, n + 1] * found[1]
-        v = u[VELOCITY + i, n] * found[0] + u[VELOCITY + i, n + 1] * found[1]
+        p = u[POSITION + i, n] * north + u[POSITION + i, n + 1] * east
+        v = u[VELOCITY + i, n] * north + u[VELOCITY + i, n + 1] * east
         g.position_variance[i] = max(g.position_variance[i], p * p)
         g.velocity_variance[i] = max(g.velocity_variance[i], v * v)
-    turned = u[ATTITUDE + 2, n] * found[0] + u[ATTITUDE + 2, n + 1] * found[1]
+    turned = u[ATTITUDE + 2, n] * north + u[ATTITUDE + 2, n + 1] * east
     g.heading_variance = max(g.heading_variance, turned * turned)
 
 
@@ -213,20 +213,20 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
     g.heading_variance = 0.0
     for j in range(ONSETS):
         if g.onset_ns[j] != NEVER_NS and g.count[j] >= 3.0:
-            found = estimate_velocity_drift(p, c, j)
-            if found[6] > explained_otherwise and found[5] > p.tuning.likely_velocity_drift_chi2:
-                state_likely_drift(c, j, found)
+            north, east, _, _, _, chi2, explained = estimate_velocity_drift(p, c, j)
+            if explained > explained_otherwise and chi2 > p.tuning.likely_velocity_drift_chi2:
+                state_likely_drift(c, j, north, east)
             old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
-            speed = elementary.hypot(found[0], found[1])
-            proven = old_enough and speed > p.tuning.wheel_min_contradiction and found[6] > explained_otherwise
-            if proven and found[5] > most:
-                best, most = j, found[5]
+            speed = elementary.hypot(north, east)
+            proven = old_enough and speed > p.tuning.wheel_min_contradiction and explained > explained_otherwise
+            if proven and chi2 > most:
+                best, most = j, chi2
     if most > p.tuning.velocity_drift_chi2:
-        found = estimate_velocity_drift(p, c, best)
-        remove_drift(c, column_of(best), (found[0], found[1]), found[2], found[3], found[4])
-        store_drift(c, found[0], found[1])
+        north, east, nn, ne, ee, _, _ = estimate_velocity_drift(p, c, best)
+        remove_drift(c, column_of(best), (north, east), nn, ne, ee)
+        store_drift(c, north, east)
         reset_velocity_drift(c)
-        return float(elementary.hypot(found[0], found[1]))
+        return float(elementary.hypot(north, east))
     renew_onsets(p, c)
     return 0.0
 
@@ -237,6 +237,10 @@ def renew_onsets(p: Parameters, c: Core) -> None:
     g, longest_s = c.velocity_drift, p.tuning.velocity_drift_onset_s
     for j in range(ONSETS):
         too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= longest_s
-        if too_old or (j == 0 and estimate_velocity_drift(p, c, j)[6] < p.tuning.likely_velocity_drift_chi2):
+        renewed = too_old
+        if j == 0 and not too_old:
+            _, _, _, _, _, _, explained = estimate_velocity_drift(p, c, j)
+            renewed = explained < p.tuning.likely_velocity_drift_chi2
+        if renewed:
             open_velocity_drift(c, j)
         longest_s *= 2.0

@@ -40,26 +40,33 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     even if the estimate becomes uncertain.
     """
     g = c.integrity
-    if fix.lat != g.last_position[0] or fix.lon != g.last_position[1]:
-        g.last_position[0], g.last_position[1] = fix.lat, fix.lon
-        g.unchanged_estimate[0], g.unchanged_estimate[1] = c.nav.lat, c.nav.lon
+    if fix.lat != g.last_lat or fix.lon != g.last_lon:
+        g.last_lat, g.last_lon = fix.lat, fix.lon
+        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
         g.unchanged_since_ns = c.nav.t_ns
         g.frozen = 0
         return False
     unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
     if c.alignment.mode == NAVIGATING and g.frozen == 0:
-        north, east = ned_difference(c, g.unchanged_estimate[0], g.unchanged_estimate[1], c.nav.lat, c.nav.lon)
+        north, east = ned_difference(c, g.unchanged_lat, g.unchanged_lon, c.nav.lat, c.nav.lon)
         sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
-        g.frozen = 1 if elementary.hypot(north, east) - 3.0 * sigma > p.tuning.frozen_min_m else 0
+        g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
     return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
+
+
+@kernel
+def is_repeated(now: float, last: float) -> bool:
+    """Whether a number is the last one again, or none."""
+    return bool(now == last or not math.isfinite(now))
 
 
 @kernel
 def velocity_is_repeated(c: Core, fix: Fix) -> bool:
     """Whether the velocity is that of the fix before to the last digit, or not reported; call for each fix."""
-    last, repeated = c.integrity.last_velocity, True
-    for i in range(4):
-        now = fix.v[i] if i < 2 else fix.speed if i == 2 else fix.course
-        repeated = repeated and (now == last[i] or not math.isfinite(now))
-        last[i] = now
+    g = c.integrity
+    repeated = is_repeated(fix.speed, g.last_speed) and is_repeated(fix.course, g.last_course)
+    for i in range(2):
+        repeated = repeated and is_repeated(fix.v[i], g.last_velocity[i])
+        g.last_velocity[i] = fix.v[i]
+    g.last_speed, g.last_course = fix.speed, fix.course
     return repeated

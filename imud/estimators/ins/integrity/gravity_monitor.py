@@ -121,7 +121,7 @@ def is_gravity_alone(p: Parameters, c: Core) -> bool:
         bias2 = max(bias2, variance(c, ACCEL_BIAS + i))
     magnitude = math.sqrt((f[0] - ba[0]) ** 2 + (f[1] - ba[1]) ** 2 + (f[2] - ba[2]) ** 2)
     excess = abs(magnitude - gravity(c.nav.lat, c.nav.height))
-    return bool(excess < p.tuning.max_gravity_excess + 3.0 * math.sqrt(bias2))
+    return bool(excess < p.tuning.max_gravity_excess + p.tuning.limit_sigmas * math.sqrt(bias2))
 
 
 @kernel

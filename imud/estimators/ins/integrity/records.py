@@ -12,10 +12,14 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position
-        ("last_position", "<f8", (2,)),  # latitude and longitude of the last fix
-        ("last_velocity", "<f8", (4,)),  # its velocity north and east, speed and course
+        ("last_lat", "<f8"),  # rad, position of the last fix
+        ("last_lon", "<f8"),
+        ("last_velocity", "<f8", (2,)),  # m/s, its velocity north and east
+        ("last_speed", "<f8"),  # m/s, and its speed
+        ("last_course", "<f8"),  # rad
         ("unchanged_since_ns", "<i8"),  # when a fix first had that position
-        ("unchanged_estimate", "<f8", (2,)),  # latitude and longitude of the estimate then
+        ("unchanged_lat", "<f8"),  # rad, position of the estimate then
+        ("unchanged_lon", "<f8"),
         ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
         ("epochs", "<i8"),  # REPORTED_EPOCHS, UNCONFIRMED_EPOCHS or EXACT_EPOCHS
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
@@ -56,7 +60,8 @@ CHORD_POINT = np.dtype(
 VELOCITY_DISCREPANCY = np.dtype(  # a receiver's velocity against its own positions
     [
         ("last_ns", "<i8"),  # epoch of the last fix
-        ("last_place", "<f8", (2,)),  # its latitude and longitude, rad
+        ("last_lat", "<f8"),  # rad, its position
+        ("last_lon", "<f8"),
         ("last_velocity", "<f8", (2,)),  # m/s, north and east
         ("repeated", "<i8"),  # 1: its position is that of the fix before to the last digit
         ("sum", "<f8", (2,)),  # as in CHORD_POINT

@@ -65,22 +65,22 @@ def begin_comparison(g: VelocityDiscrepancy) -> None:
 def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: Fix) -> None:
     """Take a fix, in the order of the epochs: the discrepancy until now."""
     v_n, v_e, dt = velocity_of(p, fix, 0), velocity_of(p, fix, 1), 1e-9 * (fix.t_ns - g.last_ns)
-    g.repeated = 1 if fix.lat == g.last_place[0] and fix.lon == g.last_place[1] else 0
+    g.repeated = 1 if fix.lat == g.last_lat and fix.lon == g.last_lon else 0
     if (c.integrity.frozen != 0 and g.repeated) or not math.isfinite(v_n + v_e):
         begin_comparison(g)
         return
     if g.last_ns == NEVER_NS or not 0.0 < dt < p.tuning.max_chord_step_s:
         begin_comparison(g)
     if g.count > 0:
-        north, east = ned_difference(c, g.last_place[0], g.last_place[1], fix.lat, fix.lon)
-        turn = abs(wrap_angle(fix.lon - g.last_place[1]) * elementary.sin(fix.lat))
+        north, east = ned_difference(c, g.last_lat, g.last_lon, fix.lat, fix.lon)
+        turn = abs(wrap_angle(fix.lon - g.last_lon) * elementary.sin(fix.lat))
         if elementary.hypot(north, east) > p.tuning.max_chord_speed * dt or turn > p.tuning.max_chord_turn:
             begin_comparison(g)
         change = elementary.hypot(v_n - g.last_velocity[0], v_e - g.last_velocity[1])
         g.sum[0] += north - 0.5 * dt * (v_n + g.last_velocity[0])
         g.sum[1] += east - 0.5 * dt * (v_e + g.last_velocity[1])
         g.sum_variance += dt * dt * ((p.tuning.trapezoid_share * change) ** 2 + c.gnss.velocity_noise_var)
-    g.last_ns, g.last_place[0], g.last_place[1] = fix.t_ns, fix.lat, fix.lon
+    g.last_ns, g.last_lat, g.last_lon = fix.t_ns, fix.lat, fix.lon
     g.last_velocity[0], g.last_velocity[1] = v_n, v_e
     if g.count > 0 and 1e-9 * (fix.t_ns - g.points[(g.count - 1) % CHORD_POINTS].t_ns) < p.tuning.chord_step_s:
         return

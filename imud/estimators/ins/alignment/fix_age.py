@@ -8,16 +8,17 @@ north + i east, and
     A = exp(i psi) a + b + noise
 
 with the unknown heading psi of the level frame and an unknown error b of tilt and accelerometer. Both are eliminated by
-least squares. The residual energy over twice the variance of the noise is minus the log likelihood of the age, and that
-variance is estimated from the residuals of the best age. The prior is a mixture: the filter's time offset with its
-sigma, or any age at all. An age proves nothing that does not explain most of the acceleration, as with a wrong lever
-arm.
+least squares. The variance of the noise is not known either, as an engine shakes the sensor. With an inverse gamma
+prior from the stated noise of the fixes it is integrated out: the likelihood of an age is then a power of its residual
+energy, so that a few pairs, which some age always explains, prove nothing. The prior of the age is a mixture: the
+filter's time offset with its sigma, or any age at all. An age proves nothing that does not explain most of the
+acceleration, as with a wrong lever arm.
 
 While an error of the time offset that the alignment does not bear is the more probable one, no heading is accepted;
 once it is certain, the time offset is set to the age, and the alignment begins again.
 
 Source: multiple-model estimation (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, 11.6), as
-in `aiding.source_age`; complex least squares.
+in `aiding.source_age`; complex least squares; Gelman et al., Bayesian Data Analysis (2013), 3.2, for the variance.
 """
 
 from __future__ import annotations
@@ -212,7 +213,8 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
         return
     weight, stated = p.tuning.fix_age_noise_weight, g.sums[best, STATED_NOISE] / g.sums[best, PAIRS]
     residuals = max(2.0 * g.sums[best, MOVING] - 4.0, 0.0)  # psi, b and the age are estimated from them
-    noise = max((energy[best] + weight * stated) / (residuals + weight), p.tuning.fix_age_accel_sigma**2)
+    prior_energy = weight * max(stated, p.tuning.fix_age_accel_sigma**2)
+    exponent = 0.5 * (residuals + weight) / p.tuning.correlation_factor
     step, offset = 1e-9 * AGE_STEP_NS, c.nav.time_offset
     spread, total = variance(c, TIME_OFFSET) + step * step / 12.0, 0.0
     for i in range(AGES):
@@ -221,7 +223,10 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
     for i in range(AGES):
         age = step * (i - NO_AGE)
         prior = (1.0 - p.tuning.fix_age_prior) * elementary.exp(-0.5 * (age - offset) ** 2 / spread) / total
-        likelihood = elementary.exp(-0.5 * (energy[i] - energy[best]) / (p.tuning.correlation_factor * noise))
+        likelihood = 0.0  # of an age that there are no pairs for
+        if energy[i] < math.inf:
+            ratio = (energy[i] + prior_energy) / (energy[best] + prior_energy)
+            likelihood = elementary.exp(-exponent * elementary.log(ratio))
         posterior = (prior + p.tuning.fix_age_prior / AGES) * likelihood
         mass += posterior
         mean += posterior * age

@@ -77,7 +77,7 @@ def test_what_is_given_on_are_frames(pieces):
     assert found.count(STATION) >= 1 + pieces.count(STATION)
 
 
-@pytest.mark.parametrize("source", ["base", "host:", ":2101", "host:99999", "host:x"])
+@pytest.mark.parametrize("source", ["base", "host:", ":2101", "host:99999", "host:x", "ntrip://host/MOUNT"])
 def test_sources_are_addresses_or_paths(source):
     with pytest.raises(ConfigError, match=r"gnss\.rtcm"):
         Corrections(source)

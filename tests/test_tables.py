@@ -107,7 +107,7 @@ def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
 
 @pytest.mark.parametrize("second", ["0", "1e-300", "3e-10"])
 def test_two_samples_of_one_nanosecond_are_too_few(second, tmp_path):
-    with pytest.raises(BadDataError, match="of 2 samples only 1 are in order"):
+    with pytest.raises(BadDataError, match="of 2 samples only 1 have a later t_s"):
         tables.read_imu(write(tmp_path, f"0,0,0,0,0,0,-9.8\n{second},0,0,0,0,0,-9.8\n"))
 
 
@@ -239,7 +239,13 @@ def test_bad_rows_are_left_out_and_then_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("times", "says"), [((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"), ((3, 2, 1, 0), "sort them by t_s")]
+    ("times", "says"),
+    [
+        ((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"),
+        ((3, 2, 1, 0), "not sorted by it"),
+        ((1, 1, 1, 1, 2), "too few digits"),
+        ([1.7e18 + 1e7 * i for i in range(2000)], "is it in ms, us or ns"),
+    ],
 )
 def test_times_of_another_unit_or_order_are_reported(tmp_path, times, says):
     with pytest.raises(BadDataError, match=says):

@@ -22,8 +22,12 @@ STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
 _FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
 
 
-def address_of(source: str) -> tuple[str, int]:
-    """`HOST:PORT` or `[IPV6]:PORT`. Raises ConfigError."""
+def address_of(source: str) -> tuple[str, int] | None:
+    """`HOST:PORT` or `[IPV6]:PORT`; None: a path. Raises ConfigError."""
+    if "://" in source:
+        raise ConfigError(f"gnss.rtcm: {source!r} is a URL: have a program such as str2str serve it at HOST:PORT")
+    if "/" in source:
+        return None
     host, _, port = source.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ConfigError(f"gnss.rtcm: {source!r} is neither HOST:PORT nor a path with a slash, such as ./base.rtcm")
@@ -37,7 +41,7 @@ class Corrections:
         """source: HOST:PORT, or a path (with a slash)."""
         self.counters = Counter[str](forwarded=0)
         self._source = source
-        self._address = None if "/" in source else address_of(source)
+        self._address = address_of(source)
         self._log = get_logger().bind(rtcm=source)
         self._framer = RtcmFramer(self.counters)
         self._fd = -1

@@ -137,15 +137,16 @@ def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[n
         raise BadDataError(f"{why}{len(table)} samples; at least two are needed")
     every = len(table)
     table = table[_in_order(table[:, 0])]
+    if len(table) > every / 2 and (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
+        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
     origin = math.floor(table[0, 0])
     t_ns = ns_since(table[:, 0], origin)
     advances = np.diff(t_ns, prepend=t_ns[0] - 1) > 0  # two times may be the same nanosecond
     if not advances.all():
         table, t_ns = table[advances], t_ns[advances]
     if len(table) < max(2, every / 2):
-        raise BadDataError(f"{path}: of {every} samples only {len(table)} are in order; sort them by t_s")
-    if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
-        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
+        few = f"of {every} samples only {len(table)} have a later t_s than those before"
+        raise BadDataError(f"{path}: {few}: has it too few digits, or are they not sorted by it?")
     samples = np.zeros(len(table), SAMPLE)
     samples["t_ns"] = t_ns
     samples["tick"] = np.arange(len(table))

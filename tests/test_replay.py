@@ -115,6 +115,16 @@ def test_a_fix_is_not_used_before_it_arrived(drive, tmp_path):
     assert float(everything[first].split(",")[0]) == pytest.approx(1000.0 + 31.2, abs=1.5 / RATE_HZ)
 
 
+def test_fixes_that_arrive_too_late_to_be_used_are_said(drive, tmp_path):
+    folder, _ = drive
+    lines = (folder / "gnss.csv").read_text().splitlines()
+    late = tmp_path / "late.csv"
+    rows = [line.split(",") for line in lines[1:]]
+    late.write_text("\n".join([lines[0], *(",".join([r[0], str(float(r[0]) + 5.0), *r[2:]]) for r in rows)]) + "\n")
+    result = replay("--imu", folder / "imu.csv", "--gnss", late, "-o", tmp_path / "est.csv")
+    assert b"its fixes arrive 5.0 s after their t_s" in result.stderr
+
+
 def test_without_fixes_attitude_only(drive, tmp_path):
     folder, _ = drive
     ended = replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv", "--rate", "5")

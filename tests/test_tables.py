@@ -265,6 +265,13 @@ def test_minus_one_of_a_phone_is_unknown(tmp_path):
     assert (fix["height"], fix["v"][2]) == (-1.0, -1.0)
 
 
+def test_a_sigma_of_zero_is_unknown_and_a_speed_of_zero_is_not(tmp_path):
+    header = "t_s,lat_deg,lon_deg,height_m,sn_m,svn_mps,hdop,speed_mps\n"
+    fix = tables.read_fixes(write(tmp_path, "1,35.5,139.5,0,0,0,0,0\n", header), 0)[0]
+    assert np.isnan([fix["sigma"][0], fix["sigma_v"][0], fix["hdop"]]).all()
+    assert fix["speed"] == 0.0
+
+
 def test_a_column_that_is_there_twice_is_refused(tmp_path):
     path = tmp_path / "imu.csv"
     path.write_text(HEADER.strip() + ",gx_radps\n" + "".join(f"{k},0,0,0,0,0,-9.8,5\n" for k in range(3)))

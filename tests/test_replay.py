@@ -193,6 +193,16 @@ def test_an_output_stays_as_it_was_if_an_input_is_bad(drive, tmp_path):
         assert (tmp_path / "est.csv").read_text() == "of an earlier run"
 
 
+def test_an_axis_that_was_not_recorded_is_said(drive, tmp_path):
+    folder, _ = drive
+    header, *lines = (folder / "imu.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    table = tmp_path / "imu.csv"
+    table.write_text("\n".join([header, *(",".join([*r[:3], "0", *r[4:]]) for r in rows)]) + "\n")
+    assert b"gyro z never changes" in replay("--imu", table, "-o", tmp_path / "est.csv").stderr
+    assert b"never changes" not in replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv").stderr
+
+
 def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):
     folder, _ = drive
     samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)

@@ -149,6 +149,11 @@ def _unit_warnings(samples: Records) -> Iterator[str]:
     period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
     forces = samples["f"][:: max(1, len(samples) // _CHECKED_SAMPLES)]
     force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
+    for name, values in (("gyro", samples["w"]), ("accelerometer", samples["f"])):
+        constant = np.ptp(values, axis=0) == 0.0
+        if 0 < constant.sum() < 3:
+            still = ", ".join(axis for axis, is_constant in zip("xyz", constant, strict=True) if is_constant)
+            yield f"{name} {still} never changes, as an axis that was not recorded: the estimates may be wrong"
     if period_s > _PERIOD_MAX_S:
         yield f"the samples are {period_s:g} s apart: is t_s in s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:

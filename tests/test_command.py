@@ -52,6 +52,19 @@ def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, 
     assert str(port) in capsys.readouterr().err
 
 
+def test_a_hang_up_while_the_daemon_starts_has_it_read_the_configuration_again(tmp_path):
+    file, listen = tmp_path / "imud.toml", tmp_path / "gpsd.sock"
+    os.mkfifo(file)
+    command = ("imud", "run", "--config", file, "--port", tmp_path / "absent", "--listen", listen)
+    with process(*command, stderr=subprocess.PIPE) as started:
+        with file.open("w") as config:  # it has begun to read
+            started.send_signal(signal.SIGHUP)
+            config.write("[gpsd]\nrate_hz = 5\n")
+        assert any("the configuration stays as it was" in line for line in started.stderr)  # as a pipe is read once only
+        started.send_signal(signal.SIGTERM)
+        assert started.wait(TIMEOUT_S) == 0
+
+
 def test_a_table_in_the_place_of_a_recording_is_told_its_option(tmp_path, capsys):
     table = tmp_path / "imu.csv"
     table.write_text("t_s,gx_radps\n")

@@ -137,6 +137,20 @@ def test_a_server_that_ends_is_connected_again():
         corrections.close()
 
 
+def test_a_caster_of_ntrip_is_said_to_send_no_frames():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        corrections = Corrections(f"127.0.0.1:{server.getsockname()[1]}")
+        corrections.read(SECOND)
+        client, _ = server.accept()
+        with client:
+            client.sendall(b"HTTP/1.1 401 Unauthorized\r\nWWW-Authenticate: Basic\r\n\r\n")
+        end = time.monotonic() + 30.0
+        while "NTRIP" not in corrections.properties(SECOND)["state"] and time.monotonic() < end:
+            corrections.read(SECOND)
+        assert "NTRIP" in corrections.properties(SECOND)["state"]
+        corrections.close()
+
+
 def test_a_silent_source_is_opened_anew(tmp_path):
     (tmp_path / "base").write_bytes(b"")
     corrections = Corrections(str(tmp_path / "base"))

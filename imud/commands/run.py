@@ -1,6 +1,7 @@
 """`imud run`: the daemon. Arguments to settings, ports to sensors, signals to an orderly end."""
 
 import argparse
+import signal
 
 from ..client import GPSD_ADDRESS
 from ..configuration.fields import replace
@@ -42,6 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.config is not None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})  # it waits for the daemon, which reads the file again
     settings = _settings(args)
     if args.check:
         _check(settings)

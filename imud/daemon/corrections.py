@@ -19,6 +19,7 @@ from ..process.log import get_logger
 
 AT_ONCE = 1024  # bytes read in one call: a receiver's line has little room
 STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
+_NO_RTCM = "what it sends is no RTCM 3: a caster of NTRIP needs a program in between, such as str2str"
 _FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
 
 
@@ -94,7 +95,9 @@ class Corrections:
             self._retry_ns = _FIRST_RETRY_NS
             self.counters["frames"] += len(frames)
         elif ended or now_ns - self._last_ns > STALE_NS:
-            self._close_and_retry("it ended the connection" if ended else "nothing comes", now_ns)
+            why = "it ended the connection" if ended else "nothing comes"
+            unknown = self.counters["noise bytes"] and not self.counters["frames"]
+            self._close_and_retry(_NO_RTCM if unknown else why, now_ns)
         return frames
 
     def properties(self, now_ns: int) -> dict[str, Any]:

@@ -60,7 +60,7 @@ def test_a_hang_up_while_the_daemon_starts_has_it_read_the_configuration_again(t
         with file.open("w") as config:  # it has begun to read
             started.send_signal(signal.SIGHUP)
             config.write("[gpsd]\nrate_hz = 5\n")
-        assert any("the configuration stays as it was" in line for line in started.stderr)  # as a pipe is read once only
+        assert any("the configuration stays as it was" in line for line in started.stderr)  # a pipe is read once
         started.send_signal(signal.SIGTERM)
         assert started.wait(TIMEOUT_S) == 0
 

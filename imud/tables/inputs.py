@@ -6,7 +6,7 @@ Inside, time is int64 ns since an origin (a whole second at or before the first 
 import bisect
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -220,11 +220,14 @@ def _fix_rows(path: Path, left_out: SkippedRows | None) -> Iterator[dict[str, fl
     return (row for row in rows if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0)
 
 
-def _number_or_none(line: int, cells: Sequence[str], column: int, name: str) -> float:
-    """NaN for what is not known: an empty cell, nan. Raises ValueError that says where."""
+def _number_or_none(
+    line: int, cells: Sequence[str], column: int, name: str, below_zero_unknown: Collection[str] = ()
+) -> float:
+    """NaN for what is not known: an empty cell, nan, below zero in those columns. Raises ValueError that says where."""
     if column < len(cells) and cells[column].strip().lower() in ("", "nan"):
         return math.nan
-    return _number(line, cells, column, name)
+    value = _number(line, cells, column, name)
+    return math.nan if value < 0.0 and name in below_zero_unknown else value
 
 
 def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:

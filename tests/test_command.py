@@ -28,6 +28,9 @@ ROOT = Path(__file__).resolve().parent.parent
         (["--port", "sim:car", "--port", "sim:car:nmea"], 0),
         (["--port", "/dev/x", "--port", "/dev/x"], 64),
         (["--port", "/dev/x:toaster"], 64),
+        (["--port", "sim:car:toaster"], 64),
+        (["--port", "/dev/x", "--rtcm", "base"], 78),
+        (["--port", "/dev/x", "--set", 'outputs=["guess:/tmp/x"]'], 78),
         (["--port", "/dev/x", "--estimator", "guess"], 64),
         (["--port", "/dev/x", "--listen", "0.0.0.0:0"], 78),
         (["--port", "/dev/x", "--listen", "127.0.0.1:99999"], 78),
@@ -47,6 +50,19 @@ def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, 
     port, listen = tmp_path / name, tmp_path / "gpsd.sock"
     assert main(["run", "--port", str(port), waiting, "--listen", str(listen)]) == code
     assert str(port) in capsys.readouterr().err
+
+
+def test_a_hang_up_while_the_daemon_starts_has_it_read_the_configuration_again(tmp_path):
+    file, listen = tmp_path / "imud.toml", tmp_path / "gpsd.sock"
+    os.mkfifo(file)
+    command = ("imud", "run", "--config", file, "--port", tmp_path / "absent", "--listen", listen)
+    with process(*command, stderr=subprocess.PIPE) as started:
+        with file.open("w") as config:  # it has begun to read
+            started.send_signal(signal.SIGHUP)
+            config.write("[gpsd]\nrate_hz = 5\n")
+        assert any("the configuration stays as it was" in line for line in started.stderr)  # a pipe is read once
+        started.send_signal(signal.SIGTERM)
+        assert started.wait(TIMEOUT_S) == 0
 
 
 def test_a_table_in_the_place_of_a_recording_is_told_its_option(tmp_path, capsys):

@@ -35,6 +35,12 @@ def test_all_problems_at_once_with_key_and_line(tmp_path):
     assert len(message.splitlines()) == 5
 
 
+def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
+    file = tmp_path / "imud.toml"
+    file.write_text("[gpsd]\nrate_hz = 5\n", encoding="utf-8-sig")
+    assert config.load(file).gpsd.rate_hz == 5.0
+
+
 @pytest.mark.parametrize("text", ["imu = [", "imu = 3\n", "\x00"])
 def test_bad_toml_is_one_clear_error(tmp_path, text):
     file = tmp_path / "imud.toml"

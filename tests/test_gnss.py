@@ -92,6 +92,7 @@ def test_the_record_is_in_si_units():
     assert row["course"] == math.radians(90.0)
     assert all(math.isnan(v) for v in row["v"])
     assert record(replace(FIX, satellites=None), 0, 0)["satellites"][0] == -1
+    assert np.isnan(record(replace(FIX, sigma_n_m=0.0, sigma_e_m=0.0), 0, 0)["sigma"]).all()  # as GST of some
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,16 @@ def test_a_fix_is_not_used_before_it_arrived(drive, tmp_path):
     assert float(everything[first].split(",")[0]) == pytest.approx(1000.0 + 31.2, abs=1.5 / RATE_HZ)
 
 
+def test_fixes_that_arrive_too_late_to_be_used_are_said(drive, tmp_path):
+    folder, _ = drive
+    lines = (folder / "gnss.csv").read_text().splitlines()
+    late = tmp_path / "late.csv"
+    rows = [line.split(",") for line in lines[1:]]
+    late.write_text("\n".join([lines[0], *(",".join([r[0], str(float(r[0]) + 5.0), *r[2:]]) for r in rows)]) + "\n")
+    result = replay("--imu", folder / "imu.csv", "--gnss", late, "-o", tmp_path / "est.csv")
+    assert b"its fixes arrive 5.0 s after their t_s" in result.stderr
+
+
 def test_without_fixes_attitude_only(drive, tmp_path):
     folder, _ = drive
     ended = replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv", "--rate", "5")
@@ -181,6 +191,16 @@ def test_an_output_stays_as_it_was_if_an_input_is_bad(drive, tmp_path):
     for more in (("--aiding", f"heading={tmp_path / 'heading.csv'}"), ("--calibration", folder / "imu.csv")):
         assert replay(*inputs, *more, "-o", tmp_path / "est.csv").returncode == 65
         assert (tmp_path / "est.csv").read_text() == "of an earlier run"
+
+
+def test_an_axis_that_was_not_recorded_is_said(drive, tmp_path):
+    folder, _ = drive
+    header, *lines = (folder / "imu.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    table = tmp_path / "imu.csv"
+    table.write_text("\n".join([header, *(",".join([*r[:3], "0", *r[4:]]) for r in rows)]) + "\n")
+    assert b"gyro z never changes" in replay("--imu", table, "-o", tmp_path / "est.csv").stderr
+    assert b"never changes" not in replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv").stderr
 
 
 def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):

@@ -77,7 +77,7 @@ def test_what_is_given_on_are_frames(pieces):
     assert found.count(STATION) >= 1 + pieces.count(STATION)
 
 
-@pytest.mark.parametrize("source", ["base", "host:", ":2101", "host:99999", "host:x"])
+@pytest.mark.parametrize("source", ["base", "host:", ":2101", "host:99999", "host:x", "ntrip://host/MOUNT"])
 def test_sources_are_addresses_or_paths(source):
     with pytest.raises(ConfigError, match=r"gnss\.rtcm"):
         Corrections(source)
@@ -134,6 +134,20 @@ def test_a_server_that_ends_is_connected_again():
                 corrections.read(now_ns)
             assert "ended the connection" in corrections.properties(now_ns)["state"]
         assert corrections.properties(now_ns)["frames"] == 2
+        corrections.close()
+
+
+def test_a_caster_of_ntrip_is_said_to_send_no_frames():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        corrections = Corrections(f"127.0.0.1:{server.getsockname()[1]}")
+        corrections.read(SECOND)
+        client, _ = server.accept()
+        with client:
+            client.sendall(b"HTTP/1.1 401 Unauthorized\r\nWWW-Authenticate: Basic\r\n\r\n")
+        end = time.monotonic() + 30.0
+        while "NTRIP" not in corrections.properties(SECOND)["state"] and time.monotonic() < end:
+            corrections.read(SECOND)
+        assert "NTRIP" in corrections.properties(SECOND)["state"]
         corrections.close()
 
 

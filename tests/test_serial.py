@@ -330,6 +330,12 @@ def test_port_specifications(text, spec):
         ("/dev/ttyUSB0:epson@fast", "'fast' is no baud rate"),
         ("/dev/ttyUSB0:epson@", "'' is no baud rate"),
         ("/dev/ttyUSB0:nmea@0", "'0' is no baud rate"),
+        ("/dev/ttyUSB0@9600", "write /dev/ttyUSB0:@9600"),
+        ("/dev/ttyUSB0:9600", "write /dev/ttyUSB0:@9600"),
+        ("/dev/ttyUSB0:epson:460800", "write /dev/ttyUSB0:epson@460800"),
+        (BY_PATH + "@9600", f"write {BY_PATH}:@9600"),
+        ("ttyUSB0", "write /dev/ttyUSB0"),
+        ("tcp://localhost:2000", "write gpsd://HOST"),
     ],
 )
 def test_bad_port_specifications(text, complaint):

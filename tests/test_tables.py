@@ -107,7 +107,7 @@ def test_time_that_stands_or_runs_back_is_skipped_and_counted(tmp_path):
 
 @pytest.mark.parametrize("second", ["0", "1e-300", "3e-10"])
 def test_two_samples_of_one_nanosecond_are_too_few(second, tmp_path):
-    with pytest.raises(BadDataError, match="of 2 samples only 1 are in order"):
+    with pytest.raises(BadDataError, match="of 2 samples only 1 have a later t_s"):
         tables.read_imu(write(tmp_path, f"0,0,0,0,0,0,-9.8\n{second},0,0,0,0,0,-9.8\n"))
 
 
@@ -239,7 +239,13 @@ def test_bad_rows_are_left_out_and_then_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("times", "says"), [((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"), ((3, 2, 1, 0), "sort them by t_s")]
+    ("times", "says"),
+    [
+        ((1.7e18, 1.7e18 + 1e7), "is it in ms, us or ns"),
+        ((3, 2, 1, 0), "not sorted by it"),
+        ((1, 1, 1, 1, 2), "too few digits"),
+        ([1.7e18 + 1e7 * i for i in range(2000)], "is it in ms, us or ns"),
+    ],
 )
 def test_times_of_another_unit_or_order_are_reported(tmp_path, times, says):
     with pytest.raises(BadDataError, match=says):
@@ -257,6 +263,13 @@ def test_minus_one_of_a_phone_is_unknown(tmp_path):
     fix = tables.read_fixes(write(tmp_path, "1,-35.5,-139.5,-1,-1,-1,-1,-1,-1\n", header), 0)[0]
     assert np.isnan([fix["sigma"][0], fix["hdop"], fix["speed"]]).all()
     assert (fix["height"], fix["v"][2]) == (-1.0, -1.0)
+
+
+def test_a_sigma_of_zero_is_unknown_and_a_speed_of_zero_is_not(tmp_path):
+    header = "t_s,lat_deg,lon_deg,height_m,sn_m,svn_mps,hdop,speed_mps\n"
+    fix = tables.read_fixes(write(tmp_path, "1,35.5,139.5,0,0,0,0,0\n", header), 0)[0]
+    assert np.isnan([fix["sigma"][0], fix["sigma_v"][0], fix["hdop"]]).all()
+    assert fix["speed"] == 0.0
 
 
 def test_a_column_that_is_there_twice_is_refused(tmp_path):

@@ -19,6 +19,7 @@ ADDRESS = re.compile(r"gpsd://(?P<host>\[[0-9a-fA-F:.%]+\]|[\w.-]+)(?::(?P<port>
 IIO_DRIVER = "iio"
 IIO = re.compile(r"iio:(.+)")
 SPI = re.compile(r"spi:(\d+)\.(\d+)")
+MISWRITTEN_BAUD = re.compile(r"(?P<path>.+?):?(?P<driver>(?<=:)[A-Za-z][\w-]*)?[:@](?P<baud>\d{3,})")
 BAUDS = range(50, 4_000_001)
 
 
@@ -111,7 +112,18 @@ def _iio(text: str) -> PortSpec:
 def _whole(text: str, start: int) -> PortSpec:
     if len(text) == start or text.startswith(":"):
         raise SpecError(f"port {text!r}: no device; write DEV[:DRIVER[@BAUD]]")
+    if not start and (meant := _miswritten(text)) and not os.path.exists(text):  # noqa: PTH110
+        raise SpecError(f"port {text!r}: write {meant}")
     return PortSpec(text)
+
+
+def _miswritten(text: str) -> str:
+    """How to write what is probably meant by a path of which no device can be waited for; empty: it may be one."""
+    if "://" in text:
+        return f"{SERVER_DRIVER}://HOST[:PORT][/DEVICE] for a server; there are no others"
+    if parts := MISWRITTEN_BAUD.fullmatch(text):
+        return f"{parts['path']}:{parts['driver'] or ''}@{parts['baud']}"
+    return f"/dev/{text}" if text.startswith("tty") else ""
 
 
 def _baud(text: str, baud: str) -> int:

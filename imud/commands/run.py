@@ -1,6 +1,7 @@
 """`imud run`: the daemon. Arguments to settings, ports to sensors, signals to an orderly end."""
 
 import argparse
+import signal
 
 from ..client import GPSD_ADDRESS
 from ..configuration.fields import replace
@@ -42,6 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.config is not None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})  # it waits for the daemon, which reads the file again
     settings = _settings(args)
     if args.check:
         _check(settings)
@@ -73,10 +76,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(settings: Settings) -> None:
     """The checks that need no device. Raises ConfigError, UsageError, CannotCreateError."""
+    from ..daemon.corrections import address_of
     from ..outputs.addresses import addresses_of, parse_path
+    from ..outputs.plugin import installed
     from ..recording.control import folder_trouble
     from ..setup import choices
 
+    simulated.check(settings.ports)
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     choices.ports(replace(settings, ports=real))
     choices.estimators(settings)
@@ -85,6 +91,10 @@ def _check(settings: Settings) -> None:
     addresses_of(settings.gpsd)
     if settings.stream.listen:
         parse_path(settings.stream.listen)
+    if settings.gnss.rtcm:
+        address_of(settings.gnss.rtcm)
+    for name in settings.outputs:
+        installed(name)
 
 
 def _settings(args: argparse.Namespace, regular_only: bool = False) -> Settings:

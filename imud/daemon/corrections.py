@@ -19,11 +19,16 @@ from ..process.log import get_logger
 
 AT_ONCE = 1024  # bytes read in one call: a receiver's line has little room
 STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
+_NO_RTCM = "what it sends is no RTCM 3: a caster of NTRIP needs a program in between, such as str2str"
 _FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
 
 
-def address_of(source: str) -> tuple[str, int]:
-    """`HOST:PORT` or `[IPV6]:PORT`. Raises ConfigError."""
+def address_of(source: str) -> tuple[str, int] | None:
+    """`HOST:PORT` or `[IPV6]:PORT`; None: a path. Raises ConfigError."""
+    if "://" in source:
+        raise ConfigError(f"gnss.rtcm: {source!r} is a URL: have a program such as str2str serve it at HOST:PORT")
+    if "/" in source:
+        return None
     host, _, port = source.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ConfigError(f"gnss.rtcm: {source!r} is neither HOST:PORT nor a path with a slash, such as ./base.rtcm")
@@ -37,7 +42,7 @@ class Corrections:
         """source: HOST:PORT, or a path (with a slash)."""
         self.counters = Counter[str](forwarded=0)
         self._source = source
-        self._address = None if "/" in source else address_of(source)
+        self._address = address_of(source)
         self._log = get_logger().bind(rtcm=source)
         self._framer = RtcmFramer(self.counters)
         self._fd = -1
@@ -90,7 +95,9 @@ class Corrections:
             self._retry_ns = _FIRST_RETRY_NS
             self.counters["frames"] += len(frames)
         elif ended or now_ns - self._last_ns > STALE_NS:
-            self._close_and_retry("it ended the connection" if ended else "nothing comes", now_ns)
+            why = "it ended the connection" if ended else "nothing comes"
+            unknown = self.counters["noise bytes"] and not self.counters["frames"]
+            self._close_and_retry(_NO_RTCM if unknown else why, now_ns)
         return frames
 
     def properties(self, now_ns: int) -> dict[str, Any]:

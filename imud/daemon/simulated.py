@@ -72,6 +72,12 @@ def emulated(texts: Sequence[str], seed: int, listen: str = "") -> Iterator[Emul
         yield Emulated(tuple(str(spec) for spec in specs if not _without_port(spec)), send_to if sending else "")
 
 
+def check(texts: Sequence[str]) -> None:
+    """Raises UsageError for a port that is none, or a device that is not emulated."""
+    for text in texts:
+        _spec(text)
+
+
 def settings_of(settings: Settings, emulated: Emulated) -> Settings:
     """The settings with the ports that `emulated` has made of theirs, its barometers, magnetometers and programs."""
     iio = (*settings.aiding.iio, *polled(settings.ports))

@@ -1,5 +1,6 @@
 """Outputs of other packages: entry points of the group `imud.outputs`."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from imud.drivers.plugins import plugins
@@ -22,19 +23,26 @@ class Output(Protocol):
         """The daemon ends."""
 
 
-def opened(name: str) -> Output:
-    """The output that the setting `outputs` names, NAME or NAME:ARGUMENT: what the plug-in returns for the argument.
-
-    Raises ConfigError (78) if there is no such plug-in or it does not take the argument (ValueError), and
-    CannotCreateError (73) for its OSError.
-    """
-    plugin, _, argument = name.partition(":")
+def installed(name: str) -> Callable[[str], Output]:
+    """What makes the output that the setting `outputs` names, NAME or NAME:ARGUMENT. Raises ConfigError (78)."""
+    plugin = name.partition(":")[0]
     known = plugins("imud.outputs")
     if plugin not in known:
         there = ", ".join(known) or "none: no installed package brings one"
         raise ConfigError(f"outputs: there is no plug-in {plugin!r}; there are {there}")
+    make: Callable[[str], Output] = known[plugin]
+    return make
+
+
+def opened(name: str) -> Output:
+    """What the plug-in of `installed` returns for the argument.
+
+    Raises ConfigError (78) also if it does not take the argument (ValueError), and CannotCreateError (73) for its
+    OSError.
+    """
+    make = installed(name)
     try:
-        output: Output = known[plugin](argument)
+        output = make(name.partition(":")[2])
     except ValueError as error:
         raise ConfigError(f"outputs: {name}: {error}") from error
     except OSError as error:

@@ -14,10 +14,14 @@ def endings() -> set[signal.Signals]:
 
 @contextlib.contextmanager
 def caught(actions: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[int]:
-    """Within the block, signals call their actions; yields a descriptor that becomes readable when one has."""
+    """Within the block, signals call their actions; yields a descriptor that becomes readable when one has.
+
+    One that was blocked until now, and has come meanwhile, calls its action at once.
+    """
     reader, writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     before = {number: signal.signal(number, lambda n, _: actions[signal.Signals(n)]()) for number in actions}
     wakeup = signal.set_wakeup_fd(writer)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, actions)
     try:
         yield reader
     finally:

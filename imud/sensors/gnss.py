@@ -93,7 +93,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
         height = None
     row["t_ns"], row["arrival_ns"] = t_ns, arrival_ns
     row["lat"], row["lon"], row["height"] = math.radians(fix.lat_deg), math.radians(fix.lon_deg), _or_nan(height)
-    row["sigma"] = [_or_nan(fix.sigma_n_m), _or_nan(fix.sigma_e_m), _or_nan(fix.sigma_d_m)]
+    row["sigma"] = [sigma or math.nan for sigma in (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)]  # 0: not known
     rounding_m = fix.step_deg * DEGREE_M / math.sqrt(12.0)  # 1 sigma of an error that is evenly distributed
     if rounding_m > COARSE_M:
         row["sigma"][0, :2] = [math.hypot(stated or 0.0, rounding_m) for stated in (fix.sigma_n_m, fix.sigma_e_m)]

@@ -103,7 +103,7 @@ def _read(file: Path, regular_only: bool) -> str:
                 data = opened.read(_FILE_MAX + 1)
         if len(data) > _FILE_MAX:
             raise ConfigError(f"the configuration {file} is longer than {_FILE_MAX >> 10} KiB: not a configuration")
-        return data.decode()
+        return data.decode("utf-8-sig")  # editors on Windows begin a file with its mark
     except OSError as error:
         raise ConfigError(f"cannot read the configuration {file}: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -33,16 +33,6 @@ _LIMITS = {
     **{"quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)},
     **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
 }
-_BELOW_ZERO_UNKNOWN = {
-    "sn_m",
-    "se_m",
-    "sd_m",
-    "svn_mps",
-    "sve_mps",
-    "svd_mps",
-    "hdop",
-    "speed_mps",
-}  # phones write -1 for what they do not know
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
 TEMPERATURE = "temperature_c"  # may stand beside them; an empty cell is not known
@@ -137,15 +127,16 @@ def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[n
         raise BadDataError(f"{why}{len(table)} samples; at least two are needed")
     every = len(table)
     table = table[_in_order(table[:, 0])]
+    if len(table) > every / 2 and (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
+        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
     origin = math.floor(table[0, 0])
     t_ns = ns_since(table[:, 0], origin)
     advances = np.diff(t_ns, prepend=t_ns[0] - 1) > 0  # two times may be the same nanosecond
     if not advances.all():
         table, t_ns = table[advances], t_ns[advances]
     if len(table) < max(2, every / 2):
-        raise BadDataError(f"{path}: of {every} samples only {len(table)} are in order; sort them by t_s")
-    if (apart_s := float(np.median(np.diff(table[:, 0])))) > _FARTHEST_S:
-        raise BadDataError(f"{path}: the samples are {apart_s:g} s apart, if t_s is in s: is it in ms, us or ns?")
+        few = f"of {every} samples only {len(table)} have a later t_s than those before"
+        raise BadDataError(f"{path}: {few}: has it too few digits, or are they not sorted by it?")
     samples = np.zeros(len(table), SAMPLE)
     samples["t_ns"] = t_ns
     samples["tick"] = np.arange(len(table))
@@ -222,7 +213,7 @@ def _fix_rows(path: Path, left_out: SkippedRows | None) -> Iterator[dict[str, fl
     known = {name: i for i, name in enumerate(source.names) if name in FIX_COLUMNS}
 
     def read(number: int, cells: list[str]) -> dict[str, float]:
-        row = {name: _number_or_none(number, cells, i, name, _BELOW_ZERO_UNKNOWN) for name, i in known.items()}
+        row = {name: _number_or_none(number, cells, i, name) for name, i in known.items()}
         return checked_fix(f"line {number}", row)
 
     rows = _rows(source, read, left_out)
@@ -270,15 +261,22 @@ def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
         fix["arrival_ns"] = ns_since(arrival, origin) if math.isfinite(arrival) else fix["t_ns"]
         fix["lat"], fix["lon"] = math.radians(row["lat_deg"]), math.radians(row["lon_deg"])
         fix["height"] = row["height_m"]
-        fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]
+        fix["sigma"] = [_above_zero(row, name) for name in ("sn_m", "se_m", "sd_m")]
         fix["v"] = [row.get(name, math.nan) for name in ("vn_mps", "ve_mps", "vd_mps")]
-        fix["sigma_v"] = [row.get(name, math.nan) for name in ("svn_mps", "sve_mps", "svd_mps")]
-        fix["hdop"], fix["speed"] = row.get("hdop", math.nan), row.get("speed_mps", math.nan)
+        fix["sigma_v"] = [_above_zero(row, name) for name in ("svn_mps", "sve_mps", "svd_mps")]
+        fix["hdop"], speed = _above_zero(row, "hdop"), row.get("speed_mps", math.nan)
+        fix["speed"] = math.nan if speed < 0.0 else speed
         fix["course"] = math.radians(row.get("course_deg", math.nan))
         quality, satellites = row.get("quality", math.nan), row.get("satellites", math.nan)
         fix["quality"] = int(quality) if quality >= 0.0 else 1  # NaN, below zero: not known
         fix["satellites"] = -1 if math.isnan(satellites) else int(satellites)
     return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
+
+
+def _above_zero(row: dict[str, float], name: str) -> float:
+    """A sigma, or what stands for one; programs write 0 or -1 for what they do not know: NaN."""
+    value = row.get(name, math.nan)
+    return value if value > 0.0 else math.nan
 
 
 def read_aiding(source: AidingSource, path: Path, origin: int, left_out: SkippedRows | None = None) -> NDArray[np.void]:

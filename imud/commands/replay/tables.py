@@ -21,6 +21,7 @@ from ...pipeline import Filter
 from ...progress import Progress
 from ...sensor_errors import calibration
 from ...sensor_monitor.findings import counted
+from ...sensors.receiver import TOO_LATE_NS
 from ...setup import config
 from ...tables.estimates import EstimateWriter, write_innovations
 from ...tables.filter_states import FilterStates, write_states
@@ -55,6 +56,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"imud replay: {args.imu}: {finding}", file=sys.stderr)
     if args.gnss is not None and not len(fixes):
         print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
+    elif len(fixes) and (late_ns := float(np.median(fixes["arrival_ns"] - fixes["t_ns"]))) > TOO_LATE_NS:
+        late = f"its fixes arrive {late_ns * 1e-9:.1f} s after their t_s"
+        print(f"imud replay: {args.gnss}: {late}: navigation uses none that is more than 2 s late", file=sys.stderr)
     left_out[0].judge(len(samples))
     left_out[1].judge(len(fixes))
     return 0
@@ -145,6 +149,11 @@ def _unit_warnings(samples: Records) -> Iterator[str]:
     period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
     forces = samples["f"][:: max(1, len(samples) // _CHECKED_SAMPLES)]
     force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
+    for name, values in (("gyro", samples["w"]), ("accelerometer", samples["f"])):
+        constant = np.ptp(values, axis=0) == 0.0
+        if 0 < constant.sum() < 3:
+            still = ", ".join(axis for axis, is_constant in zip("xyz", constant, strict=True) if is_constant)
+            yield f"{name} {still} never changes, as an axis that was not recorded: the estimates may be wrong"
     if period_s > _PERIOD_MAX_S:
         yield f"the samples are {period_s:g} s apart: is t_s in s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:

@@ -183,13 +183,13 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
 
 @kernel
 def predicted_variance(P: Floats, n: int, columns: Indices, values: Floats, m: int) -> float:
-    """h P h' alone, with the bits of `measure`: without P h of all states."""
+    """h P h' alone, without P h of all states: each pair of elements of h once."""
     v = 0.0
     for k in range(m):
-        d = 0.0
-        for j in range(m):
-            d += P[packed_index(n, columns[k], columns[j])] * values[j]
-        v += values[k] * d
+        column, d = columns[k], 0.0
+        for j in range(k):
+            d += P[packed_index(n, column, columns[j])] * values[j]
+        v += values[k] * (2.0 * d + P[packed_index(n, column, column)] * values[k])
     return v
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compile.jit import kernel, unrolled
+from ..compile.jit import kernel, unrolled, written_out
 from .arrays import Floats, Indices
 from .rotation import Matrix
 
@@ -208,15 +208,13 @@ def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float) -> None:
         first += n - i
 
 
-@kernel
+@unrolled
 def update_by_gain(P: Floats, n: int, x: Floats, d: Floats, gain: Floats, z: float) -> None:
     """`update` where the gain d / s is known already: the same bits."""
-    first = 0
-    for i in range(n):
-        g = gain[i]
+    for i in written_out(n):
+        g, first = gain[i], i * n - i * (i - 1) // 2
         for k in range(n - i):  # unsigned indices: see `update`
             P[np.uint64(first + k)] -= g * d[np.uint64(i + k)]
-        first += n - i
     for i in range(n):
         x[i] += gain[i] * z
 

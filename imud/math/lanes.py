@@ -6,7 +6,7 @@ cost as much as one. All lanes are read before any is written, which the compile
 Source: as `kalman`.
 """
 
-from ..compile.jit import kernel, unrolled
+from ..compile.jit import kernel, unrolled, written_out
 from .arrays import Floats, Indices, Tensor
 from .kalman import packed_index
 
@@ -41,7 +41,7 @@ def shear(S: Tensor, n: int, i: int, j: int, a: float) -> None:
     ii, ij, jj = packed_index(n, i, i), packed_index(n, i, j), packed_index(n, j, j)
     w, x = a * (2.0 * S[ij, 0] + a * S[jj, 0]), a * (2.0 * S[ij, 1] + a * S[jj, 1])
     y, z = a * (2.0 * S[ij, 2] + a * S[jj, 2]), a * (2.0 * S[ij, 3] + a * S[jj, 3])
-    for k in range(n):
+    for k in written_out(n):
         if k != i:
             add_scaled(S, packed_index(n, k, i), packed_index(n, k, j), a)
     S[ii, 0] += w
@@ -55,7 +55,7 @@ def shear3(S: Tensor, n: int, i: int, j: int, a: float, b: float, c: float) -> N
     """State i gains a, b, c times the states j, j + 1, j + 2: see `kalman.shear3`."""
     own = (packed_index(n, i, j), packed_index(n, i, j + 1), packed_index(n, i, j + 2))
     add_scaled3(S, packed_index(n, i, i), own, a, b, c)
-    for k in range(n):
+    for k in written_out(n):
         if k != i:
             others = (packed_index(n, k, j), packed_index(n, k, j + 1), packed_index(n, k, j + 2))
             add_scaled3(S, packed_index(n, k, i), others, a, b, c)

@@ -303,12 +303,13 @@ def update_learning(c: Core, length: int, z: float, s: float) -> None:
         r -= scratch.values[i] * scratch.d[scratch.columns[i]]
     gain, d, hSh = scratch.learning_gain, scratch.learning_d, scratch.learning_d[LEARNING_STATES]
     s = max(s, hSh[0] + r)
+    share = z / s
     for i in range(LEARNING_STATES):
         gain[i, 0] = gain[i, 1] = gain[i, 2] = gain[i, 3] = d[i, 0] / s
     for k in range(2):
         e, he = g.estimate_sensitivity[k], predict_sensitivity(c, k, n)
         for i in range(LEARNING_STATES):
-            e[i] += (d[i, 1 + k] - gain[i, 0] * hSh[1 + k]) * z / s - gain[i, 0] * he
+            e[i] += (d[i, 1 + k] - gain[i, 0] * hSh[1 + k]) * share - gain[i, 0] * he
     for i in range(LEARNING_STATES):
         d[i, 0] = 0.0
     hSh[0] = -s

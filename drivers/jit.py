@@ -92,6 +92,11 @@ def unrolled(function: Function) -> Function:
     return cast(Function, Kernel(function, forceinline=True))
 
 
+# A `range` of known length, at most 64, whose passes the C compiler writes out one behind the other: for an outer loop,
+# the lengths of whose inner loops are known then.
+written_out = range
+
+
 def interpreted(function: Function) -> Function:
     """A kernel as plain Python, with all that it calls: for what is done once and is not worth importing numba.
 

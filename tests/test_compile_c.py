@@ -14,7 +14,7 @@ import pytest
 from imud.compile import build
 from imud.compile.c import Translation, UnsupportedError
 from imud.drivers import elementary
-from imud.drivers.jit import kernel
+from imud.drivers.jit import kernel, written_out
 
 PLACE = np.dtype([("v", "<f8", (3,)), ("n", "<i4")], align=True)
 PART = np.dtype([("place", PLACE), ("places", PLACE, (2,)), ("P", "<f8", (2, 3))], align=True)
@@ -121,6 +121,14 @@ def arithmetic(x, y, out):
 
 
 @kernel
+def summed(values, out):
+    for i in written_out(3):
+        for k in range(i, 3):
+            out[i] += values[k]
+    return len(out)
+
+
+@kernel
 def divided(n, out):
     out[0], out[1], out[2], out[3] = n // 1, n % 1, n // 8, n % 8
     out[4], out[5], out[6], out[7] = n // 4096, n % 4096, n // 6, n % 6
@@ -153,6 +161,13 @@ def test_the_bits_are_numbas(in_c, x, y):
     ours, theirs = np.zeros(7), np.zeros(7)
     assert in_c(arithmetic, np.array(x), y, theirs)(np.array(x), y, theirs) == arithmetic(np.array(x), y, ours)
     assert theirs.tobytes() == ours.tobytes()
+
+
+def test_a_loop_that_is_written_out_does_what_any_other_does(in_c, tmp_path):
+    values, out = np.array([1.0, 2.0, 4.0]), np.zeros(3)
+    assert in_c(summed, values, out)(values, out) == 3
+    assert out.tolist() == [7.0, 6.0, 4.0]
+    assert re.search(r"#pragma GCC unroll 64\n *for ", (tmp_path / "unit.c").read_text())
 
 
 @pytest.mark.parametrize("n", [0, 1, -1, 7, -8, -9, 4095, -4096, -4097, 2**63 - 1, -(2**63)])

@@ -76,7 +76,7 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
     c = start(p, Initial())["core"][0, 0]
     g, scratch = c["process_noise"], c["scratch"]
     g["log_psd"], g["psd"], g["log_psd_covariance"] = log_psd, np.exp(log_psd), (sigma2, 0.0, sigma2)
-    g["covariance"] = np.diag(np.repeat([1.0, 0.3, 0.02], 3) ** 2)[np.triu_indices(N)]
+    g["covariances"][:, 0] = np.diag(np.repeat([1.0, 0.3, 0.02], 3) ** 2)[np.triu_indices(N)]
     c["stationarity"]["vibration_level"], scratch["transition"]["interval"] = 1.0, DT
     scratch["transition"]["velocity_psd"], scratch["transition"]["attitude_psd"] = np.exp(log_psd)
     for k in range(FIXES):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compile.jit import kernel, unrolled
+from ..compile.jit import kernel, unrolled, written_out
 from .arrays import Floats, Indices
 from .rotation import Matrix
 
@@ -183,13 +183,13 @@ def measure(P: Floats, n: int, columns: Indices, values: Floats, m: int, d: Floa
 
 @kernel
 def predicted_variance(P: Floats, n: int, columns: Indices, values: Floats, m: int) -> float:
-    """h P h' alone, with the bits of `measure`: without P h of all states."""
+    """h P h' alone, without P h of all states: each pair of elements of h once."""
     v = 0.0
     for k in range(m):
-        d = 0.0
-        for j in range(m):
-            d += P[packed_index(n, columns[k], columns[j])] * values[j]
-        v += values[k] * d
+        column, d = columns[k], 0.0
+        for j in range(k):
+            d += P[packed_index(n, column, columns[j])] * values[j]
+        v += values[k] * (2.0 * d + P[packed_index(n, column, column)] * values[k])
     return v
 
 
@@ -208,15 +208,13 @@ def update(P: Floats, n: int, x: Floats, d: Floats, s: float, z: float) -> None:
         first += n - i
 
 
-@kernel
+@unrolled
 def update_by_gain(P: Floats, n: int, x: Floats, d: Floats, gain: Floats, z: float) -> None:
     """`update` where the gain d / s is known already: the same bits."""
-    first = 0
-    for i in range(n):
-        g = gain[i]
+    for i in written_out(n):
+        g, first = gain[i], i * n - i * (i - 1) // 2
         for k in range(n - i):  # unsigned indices: see `update`
             P[np.uint64(first + k)] -= g * d[np.uint64(i + k)]
-        first += n - i
     for i in range(n):
         x[i] += gain[i] * z
 

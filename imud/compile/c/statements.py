@@ -123,7 +123,9 @@ class Body:
     def _for(self, node: ast.For, name: str, depth: int) -> None:
         """Over a range, or over the elements of a tuple."""
         index = self._temporary()
-        if isinstance(node.iter, ast.Call) and ast.unparse(node.iter.func) == "range":
+        pragma = ""
+        if isinstance(node.iter, ast.Call) and (called := ast.unparse(node.iter.func)) in ("range", "written_out"):
+            pragma = "#pragma GCC unroll 64" if called == "written_out" else ""
             first, last, step = self._range(node.iter)
             end, text, kind = self._temporary(), index, working(INT)
             compare = "<" if step > 0 else ">"
@@ -137,6 +139,8 @@ class Body:
             text, kind = self._of.element(items, values[1], index)
             head = f"int64_t {index} = 0; {index} < {values[1].n}; {index}++"
         self._variables[name] = unify(self._variables.get(name), working(kind))
+        if pragma:
+            self._lines.append(pragma)
         self._put(depth, f"for ({head}) {{")
         self._put(depth + 1, f"{name} = {text};")
         self._block(node.body, depth + 1)

@@ -5,6 +5,7 @@ The records of aiding sources, alignment, GLR tests and integrity monitoring are
 
 import numpy as np
 
+from ...math.lanes import LANES
 from ..records import FIX, INNOVATION, MEASUREMENT, PENDING_INNOVATIONS, SOURCE_KINDS
 from .aiding.records import (
     BAROMETER,
@@ -159,9 +160,9 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
         ("first_log_psd", "<f8", (2,)),  # when navigation began; infinite once the noise is known
-        ("covariance", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2,)),  # of the filter of nine states, packed
-        # derivatives by the logarithms of that covariance, packed, and of the estimate
-        ("covariance_sensitivity", "<f8", (2, LEARNING_STATES * (LEARNING_STATES + 1) // 2)),
+        # covariance of the filter of nine states, and its derivatives by the logarithms, packed; one lane is empty
+        ("covariances", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2, LANES)),
+        # derivatives of the estimate by the logarithms
         ("estimate_sensitivity", "<f8", (2, LEARNING_STATES)),
     ],
     align=True,
@@ -191,10 +192,10 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("transition", TRANSITION),
         ("fault_innovation", "<f8", (FAULTS,)),  # mean of the innovation per unit of each fault
-        ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # of the nine states that learn process noise: h, D h, gain
+        ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # of the nine states that learn process noise: h
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
-        ("learning_d", "<f8", (LEARNING_STATES,)),
-        ("learning_gain", "<f8", (LEARNING_STATES,)),
+        ("learning_d", "<f8", (LEARNING_STATES + 1, LANES)),  # their covariances S times h; behind them h S h'
+        ("learning_gain", "<f8", (LEARNING_STATES, LANES)),  # the same in all lanes
         ("position_innovation", "<f8", (3,)),
         ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration of the antenna where its velocity was that of the fix
         ("lag_change", "<f8", (3,)),  # m/s, change of the antenna's velocity since then

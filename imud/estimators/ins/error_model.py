@@ -173,7 +173,7 @@ def linearize(p: Parameters, c: Core, transition: Transition) -> None:
     transition.gnss_velocity_bias_decay = exponential(c, 1, -dt / p.tuning.gnss_velocity_bias_time_s)
 
 
-@kernel
+@unrolled
 def apply_transition(u: Tensor, columns: int, transition: Transition) -> None:
     """u <- transition u, for `columns` columns of error states (STATES x columns)."""
     C_nb, f, dt = transition.C_nb, transition.delta_v, transition.interval

@@ -40,7 +40,8 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
-from ...math.kalman import measure, packed_index, shear, shear33
+from ...math.kalman import packed_index
+from ...math.lanes import measure, shear, shear3, subtract_update
 from ..tuning import Tunable
 from .ekf import add_variance, covariance, exponential
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
@@ -153,20 +154,22 @@ def clear_learning(c: Core) -> None:
     for k in range(2):
         g.first_log_psd[k] = g.log_psd[k]
     g.estimate_sensitivity[:] = 0.0
-    g.covariance_sensitivity[:] = 0.0
+    g.covariances[:] = 0.0
     for i in range(LEARNING_STATES):
         for k in range(i, LEARNING_STATES):
-            g.covariance[at] = covariance(c, i, k)
+            g.covariances[at, 0] = covariance(c, i, k)
             at += 1
 
 
 @kernel
-def propagate_symmetric(S: Floats, transition: Transition) -> None:
-    """S <- T S T' with the transition T."""
-    f, n = transition.delta_v, LEARNING_STATES
+def propagate_covariances(c: Core, transition: Transition) -> None:
+    """S <- T S T' of C and of both D, with the transition T."""
+    S, f, n = c.process_noise.covariances, transition.delta_v, LEARNING_STATES
     for i in range(3):
         shear(S, n, POSITION + i, VELOCITY + i, transition.interval)
-    shear33(S, n, VELOCITY, ATTITUDE, (0.0, f[2], -f[1], -f[2], 0.0, f[0], f[1], -f[0], 0.0))
+    shear3(S, n, VELOCITY, ATTITUDE, 0.0, f[2], -f[1])
+    shear3(S, n, VELOCITY + 1, ATTITUDE, -f[2], 0.0, f[0])
+    shear3(S, n, VELOCITY + 2, ATTITUDE, f[1], -f[0], 0.0)
 
 
 @kernel
@@ -182,24 +185,23 @@ def propagate_vector(e: Floats, transition: Transition) -> None:
 
 
 @kernel
-def add_noise(S: Floats, first: int, q: float) -> None:
-    """S[i, i] += q of the three states from `first` on."""
+def add_noise(c: Core, lane: int, first: int, q: float) -> None:
+    """S[i, i] += q of the three states from `first` on, in C or in a D."""
     for i in range(first, first + 3):
-        S[packed_index(LEARNING_STATES, i, i)] += q
+        c.process_noise.covariances[packed_index(LEARNING_STATES, i, i), lane] += q
 
 
 @kernel
 def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
     """C <- T C T' + Q, D <- T D T' + dQ, e <- T e, and the random walk of the logarithms."""
     g, dt = c.process_noise, transition.interval
-    propagate_symmetric(g.covariance, transition)
-    add_noise(g.covariance, VELOCITY, transition.velocity_psd * dt)
-    add_noise(g.covariance, ATTITUDE, transition.attitude_psd * dt)
+    propagate_covariances(c, transition)
+    add_noise(c, 0, VELOCITY, transition.velocity_psd * dt)
+    add_noise(c, 0, ATTITUDE, transition.attitude_psd * dt)
     for k in range(2):
         psd_derivative = exponential(c, 2 + k, g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
-        propagate_symmetric(g.covariance_sensitivity[k], transition)
         propagate_vector(g.estimate_sensitivity[k], transition)
-        add_noise(g.covariance_sensitivity[k], VELOCITY if k == 0 else ATTITUDE, psd_derivative * dt)
+        add_noise(c, 1 + k, VELOCITY if k == 0 else ATTITUDE, psd_derivative * dt)
         if psd_derivative > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:
             g.log_psd_covariance[2 * k] += p.tuning.process_noise_walk**2 * dt
 
@@ -217,13 +219,21 @@ def restrict_jacobian(c: Core, length: int) -> int:
 
 
 @kernel
-def predict_sensitivity(c: Core, k: int, n: int) -> tuple[float, float]:
-    """h D h' and h e of noise k for the n elements of `restrict_jacobian`; stores D h in scratch.learning_d."""
+def predict_sensitivity(c: Core, k: int, n: int) -> float:
+    """h e of noise k for the n elements of `restrict_jacobian`."""
     scratch, he = c.scratch, 0.0
     for i in range(n):
         he += scratch.learning_values[i] * c.process_noise.estimate_sensitivity[k, scratch.learning_columns[i]]
-    D = c.process_noise.covariance_sensitivity[k]
-    return measure(D, LEARNING_STATES, scratch.learning_columns, scratch.learning_values, n, scratch.learning_d), he
+    return he
+
+
+@kernel
+def measure_learning(c: Core, length: int) -> int:
+    """scratch.learning_d <- S h and h S h' of C and of both D; arguments and result as those of `restrict_jacobian`."""
+    n, scratch = restrict_jacobian(c, length), c.scratch
+    columns, values = scratch.learning_columns, scratch.learning_values
+    measure(c.process_noise.covariances, LEARNING_STATES, columns, values, n, scratch.learning_d)
+    return n
 
 
 @kernel
@@ -240,9 +250,9 @@ def add_information(V: Reals, a: float, b: float) -> None:
 def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float) -> None:
     """Learn from an innovation z of variance s, before its update or without one; `length`: of the Jacobian."""
     V, most, root = c.process_noise.log_psd_covariance, math.sqrt(p.tuning.max_learned_nis * s), math.sqrt(s)
-    n = restrict_jacobian(c, length)
-    hDh_velocity, he_velocity = predict_sensitivity(c, 0, n)
-    hDh_attitude, he_attitude = predict_sensitivity(c, 1, n)
+    n, hSh = measure_learning(c, length), c.scratch.learning_d[LEARNING_STATES]
+    hDh_velocity, he_velocity = hSh[1], predict_sensitivity(c, 0, n)
+    hDh_attitude, he_attitude = hSh[2], predict_sensitivity(c, 1, n)
     z = min(max(z, -most), most)
     excess = 0.5 * (z * z / s - 1.0) / s
     add_information(V, math.sqrt(0.5) * hDh_velocity / s, math.sqrt(0.5) * hDh_attitude / s)
@@ -286,26 +296,21 @@ def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
 @kernel
 def update_learning(c: Core, length: int, z: float, s: float) -> None:
     """C, D and e after the scalar update that follows; arguments as those of `fuse`."""
-    g, scratch, n, r = c.process_noise, c.scratch, restrict_jacobian(c, length), s
+    g, scratch, n, r = c.process_noise, c.scratch, measure_learning(c, length), s
     if n == 0:
         return
     for i in range(length):
         r -= scratch.values[i] * scratch.d[scratch.columns[i]]
-    gain, Dh = scratch.learning_gain, scratch.learning_d
-    hCh = measure(g.covariance, LEARNING_STATES, scratch.learning_columns, scratch.learning_values, n, gain)
-    s = max(s, hCh + r)
+    gain, d, hSh = scratch.learning_gain, scratch.learning_d, scratch.learning_d[LEARNING_STATES]
+    s = max(s, hSh[0] + r)
+    share = z / s
     for i in range(LEARNING_STATES):
-        gain[i] /= s
+        gain[i, 0] = gain[i, 1] = gain[i, 2] = gain[i, 3] = d[i, 0] / s
     for k in range(2):
-        D, e, at = g.covariance_sensitivity[k], g.estimate_sensitivity[k], 0
-        hDh, he = predict_sensitivity(c, k, n)
+        e, he = g.estimate_sensitivity[k], predict_sensitivity(c, k, n)
         for i in range(LEARNING_STATES):
-            e[i] += (Dh[i] - gain[i] * hDh) * z / s - gain[i] * he
-            for j in range(i, LEARNING_STATES):
-                D[at] += gain[i] * gain[j] * hDh - gain[i] * Dh[j] - Dh[i] * gain[j]
-                at += 1
-    at = 0
+            e[i] += (d[i, 1 + k] - gain[i, 0] * hSh[1 + k]) * share - gain[i, 0] * he
     for i in range(LEARNING_STATES):
-        for j in range(i, LEARNING_STATES):
-            g.covariance[at] -= gain[i] * gain[j] * s
-            at += 1
+        d[i, 0] = 0.0
+    hSh[0] = -s
+    subtract_update(g.covariances, LEARNING_STATES, gain, d, hSh)

@@ -45,9 +45,10 @@ SNAPSHOT_NS = 50_000_000
 GYRO_BIAS_ONSETS = 4  # times at which the gyro bias may have stepped
 CHORD_POINTS = 33  # of the comparison of a receiver's velocity with its positions
 ONSETS = 3  # times at which the receiver may have begun to drift
-# columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`
+# columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`; the last is empty, as rows of whole vectors
+# of four are faster
 DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, CURRENT_FAULT = 0, 6, 7, 11, 12
-VELOCITY_DRIFT_FAULT, FAULTS = 14, 23
+VELOCITY_DRIFT_FAULT, FAULTS = 14, 24
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 AGES, NO_AGE, AGE_STEP_NS = 21, 5, 100_000_000  # ages of a source: -0.5 to 1.5 s; which of them is none
 BANKS = 32  # fixes of which the hypothesis bank is kept

@@ -227,8 +227,7 @@ class ProcessNoise:
     log_psd: Reals
     log_psd_covariance: Reals
     first_log_psd: Reals
-    covariance: Floats
-    covariance_sensitivity: Tensor
+    covariances: Tensor
     estimate_sensitivity: Tensor
 
 
@@ -505,8 +504,8 @@ class Scratch:
     fault_innovation: Reals
     learning_columns: Indices
     learning_values: Floats
-    learning_d: Floats
-    learning_gain: Floats
+    learning_d: Tensor
+    learning_gain: Tensor
     position_innovation: Reals
     accel_fit: Reals
     lag_change: Reals

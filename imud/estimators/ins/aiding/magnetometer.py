@@ -36,6 +36,7 @@ from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
 from .heading import yaw_jacobian
 
 if TYPE_CHECKING:
+    from ....math.rotation import Vector
     from ...types import Innovation, Measurement
     from ..types import Core, Parameters
 
@@ -149,14 +150,19 @@ def field_variance(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def field_innovation(c: Core, m: Measurement) -> tuple[float, int]:
-    """Declination less the azimuth of the field, rad, at the time of the core; the length of its Jacobian."""
+def field_in_ned(c: Core, m: Measurement) -> Vector:
+    """The field that was measured, in NED by the core's attitude."""
     north, east, down = body_to_ned(c, (m.value[0], m.value[1], m.value[2]))
-    north = LEAST_FIELD if north == 0.0 else north
-    length = yaw_jacobian(c, 0, north, east, down)
+    return LEAST_FIELD if north == 0.0 else north, east, down
+
+
+@kernel
+def field_innovation(c: Core, m: Measurement) -> float:
+    """Declination less the azimuth of the field, rad, at the time of the core."""
+    north, east, _ = field_in_ned(c, m)
     return wrap_angle(
         elementary.atan2(m.value[EARTH_EAST_VALUE], m.value[EARTH_NORTH_VALUE]) - elementary.atan2(east, north)
-    ), length
+    )
 
 
 @kernel
@@ -189,7 +195,8 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
         return 0
     g, steady, known = c.magnetometer, is_earths_field(p, c, m), variance(c, ATTITUDE + 2)
     distrust_after_inflation(p, c, m, known)
-    z, length = field_innovation(c, m)
+    north, east, down = field_in_ned(c, m)
+    z, length = field_innovation(c, m), yaw_jacobian(c, 0, north, east, down)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     z -= rate * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     least, h = field_variance(p, c, m), cross_covariance(c, length)

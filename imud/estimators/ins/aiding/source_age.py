@@ -70,9 +70,9 @@ def yaw_difference(q: Quaternion, yaw: float) -> float:
 
 
 @kernel
-def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu) -> tuple[float, float, float]:
+def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu, cos_lat: float) -> tuple[float, float, float]:
     """What the measurement would be of this state, up to a sign: speed or velocity, m/s; position less pose, m; yaw
-    less the measured one, rad."""
+    less the measured one, rad. cos_lat: at the pose."""
     q = (nav.q_nb[0], nav.q_nb[1], nav.q_nb[2], nav.q_nb[3])
     if m.kind == VELOCITY_SOURCE:
         return nav.v_n[0], nav.v_n[1], 0.0
@@ -81,7 +81,7 @@ def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu) -> tuple[float, fl
     if m.kind == POSE_SOURCE:
         l = p.pose_lever_arm  # noqa: E741 as in the literature
         arm = quat_rotate(q, (l[0], l[1], l[2]))
-        east = (nav.lon - m.value[LON_VALUE]) * math.fabs(elementary.cos(m.value[LAT_VALUE]))
+        east = (nav.lon - m.value[LON_VALUE]) * cos_lat
         turn = yaw_difference(q, m.value[YAW_VALUE]) if math.isfinite(m.value[YAW_VALUE]) else 0.0
         return SEMI_MAJOR_M * (nav.lat - m.value[LAT_VALUE]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
     v = quat_rotate_back(q, (nav.v_n[0], nav.v_n[1], nav.v_n[2]))
@@ -154,7 +154,8 @@ def compare_ages(p: Parameters, s: State, m: Measurement, g: SourceAge, dt: floa
     zx = abs(m.value[0]) if m.kind == ODOMETER_SOURCE else 0.0 if heading or m.kind == POSE_SOURCE else m.value[0]
     zy = m.value[1] if m.kind == VELOCITY_SOURCE else 0.0
     k, oldest = s.snapshot_count, max(0, s.snapshot_count - SNAPSHOTS)
-    bx, by, bw = motion(p, m, c.nav, c.imu)
+    cos_lat = math.fabs(elementary.cos(m.value[LAT_VALUE])) if m.kind == POSE_SOURCE else 1.0
+    bx, by, bw = motion(p, m, c.nav, c.imu, cos_lat)
     before_ns, after_ns, ax, ay, aw = c.nav.t_ns, c.nav.t_ns, bx, by, bw
     for i in range(AGES):
         t_ns = m.t_ns - (i - NO_AGE) * AGE_STEP_NS
@@ -168,7 +169,7 @@ def compare_ages(p: Parameters, s: State, m: Measurement, g: SourceAge, dt: floa
                 k = oldest
             else:
                 before_ns = e.nav.t_ns
-                bx, by, bw = motion(p, m, e.nav, e.imu)
+                bx, by, bw = motion(p, m, e.nav, e.imu, cos_lat)
         nis[i] = math.inf  # of an epoch that is not known: in the future, or before the horizon
         if before_ns <= t_ns <= after_ns:
             share = (t_ns - before_ns) / max(after_ns - before_ns, 1)
@@ -193,10 +194,12 @@ def change_ages(p: Parameters, g: SourceAge, dt: float) -> None:
     for i in range(AGES):
         total += g.probability[i]
     drift, change = min(dt / p.tuning.age_drift_s, 0.25), min(dt / p.tuning.age_change_s, 1.0)
-    last = g.probability[0] / total
     for i in range(AGES):
-        own = g.probability[i] / total
-        following = g.probability[i + 1] / total if i + 1 < AGES else own
+        g.probability[i] /= total
+    last = g.probability[0]
+    for i in range(AGES):
+        own = g.probability[i]
+        following = g.probability[i + 1] if i + 1 < AGES else own
         drifted = own + drift * (last - 2.0 * own + following)
         g.probability[i] = drifted + change * (prior_of_age(p, i) - drifted)
         last = own

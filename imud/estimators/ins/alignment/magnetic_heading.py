@@ -42,6 +42,6 @@ def align_with_field(p: Parameters, c: Core, m: Measurement) -> None:
     known = c.alignment.heading_sigma
     if sigma > p.tuning.max_start_heading or 0.0 < known < sigma:
         return
-    psi, _ = field_innovation(c, m)
+    psi = field_innovation(c, m)
     x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
     align_with_heading(p, c, elementary.atan2(y, x) + psi, sigma)

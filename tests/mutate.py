@@ -106,6 +106,8 @@ NOT_NOTICED = {
     "navigation.heading_min_level": BETWEEN + "level part of a compass's axis",
     "navigation.max_chord_turn": BETWEEN + "turn of north from one fix to the next",
     "navigation.contradicted_residual": BETWEEN + "mean NIS of fixes with a compass the wrong way round",
+    "attitude.clipping_slope_kept": BETWEEN + "change of the slope with which a rate comes to the end of the range",
+    "attitude.flat_step": BETWEEN + "step of a rate beside the end of the range",
     "riss.min_white_position": "the white noise of no receiver in the recordings comes down to it",
     "riss.min_white_velocity": "as above",
     "riss.min_white_height": "as above",

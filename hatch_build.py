@@ -16,7 +16,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 LIBRARY = "imud/compile/kernels.so"
 COMPILERS = ("cc", "gcc", "clang")
-_UNTRANSLATABLE = 2  # exit code of imud.compile: an error in the sources, which must not be passed over
+_UNTRANSLATABLE = 3  # exit code of imud.compile: an error in the sources, which must not be passed over
 _MACHINES = {"arm": "armv7l"}  # of zig to that of a wheel's tag, where they differ
 _IMPORTED = ["numpy>=2.0", "msgspec>=0.19", "pyserial>=3.5", "structlog>=24.1"]  # by the kernels' modules
 

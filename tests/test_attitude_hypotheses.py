@@ -106,7 +106,7 @@ def test_each_filter_takes_the_step_that_matrices_take():
     for h in range(HYPOTHESES):
         x, P, likelihood = dense_step(np.array(b.x[h]), np.array(b.P[h]), h, b, p)
         interpreted(hypothesis_filters.propagate_hypothesis)(p, s, h)
-        found = interpreted(hypothesis_filters.compare_velocity)(s, h)
+        found = interpreted(hypothesis_filters.compare_velocity)(p, s, h)
         np.testing.assert_allclose(b.x[h], x, atol=1e-9)
         np.testing.assert_allclose(b.P[h], P, atol=1e-9)
         np.testing.assert_allclose(found, likelihood, atol=1e-9)

@@ -1,6 +1,7 @@
 """The library of all kernels: one of other sources, or a damaged one, is never loaded, but built anew."""
 
 import ctypes
+import importlib.util
 import json
 import os
 import platform
@@ -12,6 +13,7 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from processes import OBEYING
@@ -213,7 +215,7 @@ def test_without_a_compiler_a_message_explains_the_minutes_of_compilation(tmp_pa
 
 def test_a_kernel_that_has_no_translation_ends_the_program_with_its_file_and_line(tmp_path):
     """numba would run it, after minutes in which nobody knows why."""
-    (compiler := tmp_path / "python").write_text("#!/bin/sh\necho 'x.py:3: C has no translation' >&2; exit 2\n")
+    (compiler := tmp_path / "python").write_text("#!/bin/sh\necho 'x.py:3: C has no translation' >&2; exit 3\n")
     compiler.chmod(0o755)
     code = """
 import sys
@@ -224,6 +226,25 @@ sys.exit(imud.commands.main(["warmup"]))
     ended = run(str(compiler), code=code, IMUD_KERNELS=str(tmp_path / "kernels.so"))
     assert ended.returncode == 64
     assert ended.stderr.splitlines()[-1].startswith("imud: x.py:3: C has no translation; docs/compile.md says")
+
+
+def test_pip_install_ends_with_a_kernel_that_has_no_translation(tmp_path, monkeypatch):
+    """Without a C compiler it goes on: then the first start says why numba compiles."""
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    said = []
+    app = SimpleNamespace(display_info=said.append, display_warning=said.append, abort=sys.exit)
+    for code in (1, build.UNTRANSLATABLE):
+        (compiler := tmp_path / "python").write_text(f"#!/bin/sh\necho 'x.py:3: no translation' >&2; exit {code}\n")
+        compiler.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(compiler))
+        made = hook.Hook(str(ROOT), {}, None, None, str(tmp_path), "wheel", app)
+        if code == 1:
+            assert not made._compile(tmp_path / "kernels.so") and "numba will compile them" in said[-1]
+        else:
+            with pytest.raises(SystemExit, match=r"x\.py:3: no translation"):
+                made._compile(tmp_path / "kernels.so")
 
 
 def test_the_translation_ends_with_a_code_of_its_own(tmp_path, monkeypatch, capsys):

@@ -18,7 +18,7 @@ FLAGS = (
     *("-std=gnu11", "-O3", "-w", "-pipe"),  # a pipe: an end by a signal leaves no file behind
     *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fwrapv", "-fno-strict-aliasing"),
 )
-UNTRANSLATABLE = 2  # exit code of `python -m imud.compile`: a kernel has no translation, which no compiler mends
+UNTRANSLATABLE = 3  # exit code of `python -m imud.compile`: a kernel has no translation, which no compiler mends
 _LIBRARY = ("-fPIC", "-shared", "-Wl,-Bsymbolic")
 
 

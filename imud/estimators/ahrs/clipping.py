@@ -23,9 +23,6 @@ from .velocity_hypotheses import add_attitude_noise
 if TYPE_CHECKING:
     from .types import Parameters, State
 
-SLOPE_KEPT = 0.9  # from one sample to the next: a gyro that reaches its end rounds the corner
-FLAT = 0.005  # of the rate: a flat step, as in `sensor_monitor.clipping`
-
 
 @kernel
 def cut_off_angle(slope: float, rate: float, time: float) -> float:
@@ -59,8 +56,8 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
                 clip.w[i] += (angle if last > 0.0 else -angle) / dt
             clip.time[i] = 0.0
-            if abs(w[i] - last) < FLAT * abs(w[i]):
+            if abs(w[i] - last) < p.tuning.flat_step * abs(w[i]):
                 clip.flat[i] += dt
             else:
-                clip.flat[i], clip.last_slope[i] = 0.0, max(slope, SLOPE_KEPT * clip.last_slope[i])
+                clip.flat[i], clip.last_slope[i] = 0.0, max(slope, p.tuning.clipping_slope_kept * clip.last_slope[i])
     return clip.w[0], clip.w[1], clip.w[2]

@@ -8,7 +8,7 @@ from ...compile.jit import kernel
 from ...math.rotation import Quaternion, Vector, dcm_of_quat
 
 if TYPE_CHECKING:
-    from .types import State
+    from .types import Integrals, State
 
 
 @kernel
@@ -37,6 +37,12 @@ def integrate_force(s: State, q: Quaternion, w: Vector, f: Vector, f_cross_w: Ve
         for j in range(i, 3):
             total.a_outer_a[k] += a[i] * a[j] * dt
             k += 1
+
+
+@kernel
+def turn_about_vertical(total: Integrals) -> float:
+    """Rotation about down, rad: the integral of C[2, k] w[k]."""
+    return float(total.c_outer_w[18] + total.c_outer_w[22] + total.c_outer_w[26])
 
 
 @kernel

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .error_model import add_variance, reset_variance, variance
+from .integrals import turn_about_vertical
 from .mechanization import clear_motion
 from .state import ATTITUDE, POSITION, VELOCITY
 
@@ -70,7 +71,7 @@ def update_hidden_tilt(p: Parameters, s: State) -> None:
     A turn whose rate changes tells them apart.
     """
     c, motion, total = p.tuning, s.motion, s.integrals
-    turned = total.c_outer_w[18] + total.c_outer_w[22] + total.c_outer_w[26]  # rad about the vertical
+    turned = turn_about_vertical(total)
     remembered_s = min(c.unseen_velocity_time_s + motion.moving_s, c.steady_turn_time_s) + total.time
     motion.turn_rate += (turned - motion.turn_rate * total.time) / remembered_s
     motion.turn_rate2 += (turned * turned / total.time - motion.turn_rate2 * total.time) / remembered_s

@@ -81,6 +81,15 @@ _OUTAGES = (
     Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
     Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
     Tunable("clipping_error", 0.5, "", "Error of a rotation beyond the gyro's range, over its estimate.", HANDS),
+    Tunable(
+        "clipping_slope_kept",
+        0.9,
+        "",
+        "Least share of the slope before that the next sample has: a gyro that reaches its end rounds the corner.",
+        HANDS,
+        high=0.999,
+    ),
+    Tunable("flat_step", 0.005, "", "Largest flat step, as a share of the rate.", "As in `sensor_monitor.clipping`."),
     Tunable("saturation_noise", 0.2, "sqrt(s)", "Noise density of a saturated sensor, over its reading.", UNRECORDED),
 )
 
@@ -135,6 +144,9 @@ _MOTION = (
     Tunable("steady_turn_time_s", 30.0, "s", "Time over which turns to and fro cancel.", SIMULATED, low=1.0),
     Tunable("hypothesis_tilt_rad", 0.4, "rad", "Sigma of tilt where the body may move at any speed.", SIMULATED),
     Tunable("hypothesis_noise_per_rate", 0.005, "sqrt(s)", "Gyro scale errors as noise, in proportion.", SIMULATED),
+    Tunable("hypothesis_speed_noise_mps", 0.05, "m/s", "Velocity that their process does not describe.", SIMULATED),
+    Tunable("hypothesis_speed_noise_share", 0.1, "", "The same, as a share of the speed.", SIMULATED),
+    Tunable("hypothesis_carried_time_s", 60.0, "s", "Time in which accelerations in the body change.", SIMULATED),
     Tunable("hypothesis_evidence", 0.7, "", "Exponent of their likelihoods: they are not exact.", SIMULATED, high=1.0),
     Tunable("hypothesis_weight_evidence", 0.05, "", "The same for those without hands.", SIMULATED, high=1.0),
     Tunable("hypothesis_weight_time_s", 20.0, "s", "Time in which those weights fade.", SIMULATED, low=1.0),

@@ -22,6 +22,8 @@ class Tuning:
     fault_rate_radps: float
     fault_force_psd: float
     clipping_error: float
+    clipping_slope_kept: float
+    flat_step: float
     saturation_noise: float
     initial_tilt_rad: float
     initial_angle_sigma_rad: float
@@ -42,6 +44,9 @@ class Tuning:
     steady_turn_time_s: float
     hypothesis_tilt_rad: float
     hypothesis_noise_per_rate: float
+    hypothesis_speed_noise_mps: float
+    hypothesis_speed_noise_share: float
+    hypothesis_carried_time_s: float
     hypothesis_evidence: float
     hypothesis_weight_evidence: float
     hypothesis_weight_time_s: float

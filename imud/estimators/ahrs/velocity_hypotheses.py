@@ -21,12 +21,17 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from .error_model import replace_variance, variance
 from .hypothesis_filters import (
+    BIAS,
     HANDS,
+    INTEGRATED,
+    TILT,
+    TRUE_VELOCITY,
     compare_velocity,
     correct_integrated_velocity,
     propagate_hypothesis,
     start_filters,
 )
+from .integrals import turn_about_vertical
 from .motion import reset_motion, start_motion
 from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES, HYPOTHESIS_STATES, VELOCITY
 
@@ -76,18 +81,18 @@ def update_hypotheses(p: Parameters, s: State) -> None:
     z = total.delta_v[2]
     for i in range(2):
         k, sign = 1 - i, 1.0 if i == 0 else -1.0  # of the tilt that accelerates axis i
-        b.shift[5 + i] += sign * z * b.shift[k]
+        b.shift[INTEGRATED + i] += sign * z * b.shift[TILT + k]
         for j in range(3):
             b.velocity_by_bias[i, j] += sign * z * (b.tilt_by_bias[k, j] - 0.5 * total.c[3 * k + j])
-            b.shift[5 + i] -= 0.5 * sign * z * total.c[3 * k + j] * b.shift[2 + j]
+            b.shift[INTEGRATED + i] -= 0.5 * sign * z * total.c[3 * k + j] * b.shift[BIAS + j]
     for i in range(2):
         b.displacement[i] += (b.v[i] + 0.5 * total.delta_v[i]) * total.time
         b.v[i] += total.delta_v[i]
         for j in range(3):
             b.tilt_by_bias[i, j] -= total.c[3 * i + j]
-            b.shift[i] -= total.c[3 * i + j] * b.shift[2 + j]
+            b.shift[TILT + i] -= total.c[3 * i + j] * b.shift[BIAS + j]
     b.force += z
-    b.turn += total.c_outer_w[18] + total.c_outer_w[22] + total.c_outer_w[26]
+    b.turn += turn_about_vertical(total)
     for j in range(3):
         b.turn_by_bias[j] += total.c[6 + j]
     c = p.tuning
@@ -109,9 +114,9 @@ def follow_correction(s: State) -> None:
     """The filter is about to correct its attitude and gyro bias: the errors that are left are smaller by that."""
     b, x = s.hypotheses, s.scratch.x
     for i in range(2):
-        b.shift[i] -= x[ATTITUDE + i]
+        b.shift[TILT + i] -= x[ATTITUDE + i]
     for i in range(3):
-        b.shift[2 + i] -= x[GYRO_BIAS + i]
+        b.shift[BIAS + i] -= x[GYRO_BIAS + i]
 
 
 @kernel
@@ -122,7 +127,7 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
     fading = b.time / (c.hypothesis_weight_time_s + b.time)
     for h in range(HYPOTHESES):
         propagate_hypothesis(p, s, h)
-        log_likelihood = compare_velocity(s, h)
+        log_likelihood = compare_velocity(p, s, h)
         b.log_likelihood[h] += c.hypothesis_evidence * log_likelihood
         b.log_weight[h] += c.hypothesis_weight_evidence * log_likelihood - fading * b.log_weight[h]
         likeliest = max(likeliest, b.log_likelihood[h])
@@ -134,14 +139,15 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         likelihood = elementary.exp(b.log_likelihood[h])
         hand += likelihood if h < HANDS else 0.0
         total += likelihood
-        speed2 += likelihood * (b.x[h, 7] ** 2 + b.x[h, 8] ** 2 + b.P[h, 7, 7] + b.P[h, 8, 8])
+        n, e = TRUE_VELOCITY, TRUE_VELOCITY + 1
+        speed2 += likelihood * (b.x[h, n] ** 2 + b.x[h, e] ** 2 + b.P[h, n, n] + b.P[h, e, e])
     b.hand = hand / total
     mix_hypotheses(s)
     choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2)
     b.possible_tilt_error = tilt_error_of_others(s)
     for i in range(2):
-        b.v[i] += b.mean[5 + i]
-        correct_integrated_velocity(s, i, b.mean[5 + i])
+        b.v[i] += b.mean[INTEGRATED + i]
+        correct_integrated_velocity(s, i, b.mean[INTEGRATED + i])
     restart_interval(s)
 
 
@@ -182,13 +188,17 @@ def tilt_error_of_others(s: State) -> float:
     stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
     north = east = total = unstated = 0.0
     if b.leading == 1:
-        stated, north, east = b.covariance[0, 0] + b.covariance[1, 1], b.mean[0], b.mean[1]
+        stated, north, east = (
+            b.covariance[TILT, TILT] + b.covariance[TILT + 1, TILT + 1],
+            b.mean[TILT],
+            b.mean[TILT + 1],
+        )
     for h in range(HYPOTHESES):
         likelihood = elementary.exp(b.log_likelihood[h])
         total += likelihood
         if (h < HANDS) == (b.leading == 1):
-            tilt2 = (b.x[h, 0] - north) ** 2 + (b.x[h, 1] - east) ** 2
-            unstated += likelihood * (tilt2 + b.P[h, 0, 0] + b.P[h, 1, 1] - stated)
+            tilt2 = (b.x[h, TILT] - north) ** 2 + (b.x[h, TILT + 1] - east) ** 2
+            unstated += likelihood * (tilt2 + b.P[h, TILT, TILT] + b.P[h, TILT + 1, TILT + 1] - stated)
     return math.sqrt(max(0.5 * unstated / total, 0.0))
 
 
@@ -201,10 +211,10 @@ def follow_hypotheses(p: Parameters, s: State) -> None:
     b.due = 0
     for i in range(3):
         reset_motion(p, s, i)
-    for i in range(5):
-        state = ATTITUDE + i if i < 2 else GYRO_BIAS + i - 2
+    for i in range(INTEGRATED):
+        state = ATTITUDE + i - TILT if i < BIAS else GYRO_BIAS + i - BIAS
         x[state] = b.mean[i]
         replace_variance(s, state, b.covariance[i, i])
     for i in range(2):
-        x[VELOCITY + i] = b.mean[7 + i]
-        replace_variance(s, VELOCITY + i, b.covariance[7 + i, 7 + i])
+        x[VELOCITY + i] = b.mean[TRUE_VELOCITY + i]
+        replace_variance(s, VELOCITY + i, b.covariance[TRUE_VELOCITY + i, TRUE_VELOCITY + i])

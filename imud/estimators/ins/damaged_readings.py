@@ -16,7 +16,7 @@ from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, variance
 from .mechanization import ned_to_body, rotation_matrix
 from .rest import withdraw_rest
-from .state import ATTITUDE, NAVIGATING, POSITION, VELOCITY
+from .state import ATTITUDE, FORCES, NAVIGATING, POSITION, RATES, VELOCITY
 
 if TYPE_CHECKING:
     from .types import Core, Parameters, StoredSample
@@ -73,7 +73,7 @@ def inflate_covariance(p: Parameters, c: Core, sample: StoredSample, dt: float) 
     """Add variance for missing and clipped rates and forces, for the duration of the outage; dt: s of this sample."""
     c.imu.saturated = 1 if sample.flags & BEYOND_RANGE else 0
     if sample.flags == 0:
-        c.imu.outage_s[0] = c.imu.outage_s[1] = 0.0
+        c.imu.outage_s[RATES] = c.imu.outage_s[FORCES] = 0.0
         return
     fastest = max(abs(c.imu.w[0]), abs(c.imu.w[1]), abs(c.imu.w[2]))
     largest = max(abs(c.imu.f[0]), abs(c.imu.f[1]), abs(c.imu.f[2]))

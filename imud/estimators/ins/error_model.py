@@ -38,11 +38,13 @@ from .noise_density import accelerometer_psd, attitude_psd, velocity_psd
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
+    ATTITUDE_NOISE,
     COARSE_ALIGNMENT,
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
+    HORIZONTAL,
     MOUNT_PITCH,
     MOUNT_YAW,
     NHC_LEVER_ARM,
@@ -51,6 +53,7 @@ from .state import (
     STATES,
     TIME_OFFSET,
     VELOCITY,
+    VERTICAL,
 )
 
 if TYPE_CHECKING:
@@ -284,9 +287,12 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay
     transition.velocity_psd, transition.attitude_psd = qv, qa
-    qb = p.gyro_bias_psd + c.process_noise.psd[1] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
+    qb = (
+        p.gyro_bias_psd
+        + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
+    )
     for i in range(3):
-        sigma = c.gnss.bias_sigma[0] if i < 2 else c.gnss.bias_sigma[1]
+        sigma = c.gnss.bias_sigma[HORIZONTAL] if i < 2 else c.gnss.bias_sigma[VERTICAL]
         c.nav.gnss_bias[i] *= decay
         decay_bias(c, GNSS_BIAS + i, decay, sigma)
         c.nav.gnss_velocity_bias[i] *= transition.gnss_velocity_bias_decay
@@ -303,7 +309,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     scale_error[0], scale_error[1], scale_error[2] = gyro_scale_error(c, (rate[0], rate[1], rate[2]))
     for k in range(9):
         add_variance(c, GYRO_SCALE + k, p.tuning.gyro_scale_psd * dt)
-    if c.integrity.epochs == REPORTED_EPOCHS and 0.0 < c.gnss.reported_sigma[0] < p.tuning.survey_sigma:
+    if c.integrity.epochs == REPORTED_EPOCHS and 0.0 < c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
         add_variance(c, TIME_OFFSET, p.tuning.time_offset_psd * dt)
     add_variance(c, MOUNT_PITCH, p.tuning.mount_psd * dt)
     add_variance(c, MOUNT_YAW, p.tuning.mount_psd * dt)

@@ -33,7 +33,7 @@ from .heading_boresight import add_boresight, covariance_with_boresight, propaga
 from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import ATTITUDE, COMPASS_AXIS, CONSTRAINT_AXIS, NAVIGATING, OTHER_AXIS, VELOCITY
+from .state import ATTITUDE, COMPASS_AXIS, CONSTRAINT_AXIS, HORIZONTAL, NAVIGATING, OTHER_AXIS, VELOCITY, VERTICAL
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -116,7 +116,7 @@ def fix_update(
     z, s = innovation(c, length, z), cross_covariance(c, length) + r
     predict_innovations(c, length, axis)
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
-        if gate != REJECT or max(c.integrity.reject_count[0], c.integrity.reject_count[1]) <= 1:
+        if gate != REJECT or max(c.integrity.reject_count[HORIZONTAL], c.integrity.reject_count[VERTICAL]) <= 1:
             learn_process_noise(p, c, length, z, s)
         add_to_time_offset_step(c, z, s, axis)
         if gate != REJECT:

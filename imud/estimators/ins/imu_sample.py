@@ -26,7 +26,7 @@ from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reset_biases
 from .propagation import count_sample, propagate_to
 from .rest import detect_rest
-from .state import COARSE_ALIGNMENT, NAVIGATING
+from .state import COARSE_ALIGNMENT, NAVIGATING, RATES
 from .stationarity import accumulate_window, classify_window, clear_window
 
 if TYPE_CHECKING:
@@ -80,14 +80,14 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     inflate_covariance(p, c, sample, dt)
     if incomplete:
         clear_window(c)
-    if c.imu.outage_s[0] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
+    if c.imu.outage_s[RATES] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
         change_mode(p, c, ATTITUDE_LOST)
     share = min(dt * (1.0 / p.tuning.smoothing_s), 1.0)
     for i in range(3):
         c.imu.rate_b[i] += share * (c.imu.w[i] - c.nav.bg[i] - c.imu.rate_b[i])
     if c.stationarity.duration >= p.tuning.rest_window_s and c.stationarity.sample_count > 3:
         end_window(p, c)
-    if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[0] == 0.0:
+    if is_due(p, c, dt) and c.alignment.mode == NAVIGATING and c.imu.outage_s[RATES] == 0.0:
         if c.nhc.enabled and not waits_for_course(p, c):
             propagate_errors(p, c)
             fuse_nhc(p, c)

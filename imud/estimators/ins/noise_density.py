@@ -20,7 +20,7 @@ from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
 from .ekf import variance
-from .state import ATTITUDE, COARSE_ALIGNMENT
+from .state import ATTITUDE, ATTITUDE_NOISE, COARSE_ALIGNMENT, VELOCITY_NOISE
 
 if TYPE_CHECKING:
     from .types import Core, Parameters
@@ -71,7 +71,7 @@ def second_order_psd(p: Parameters, c: Core, accel2: float) -> float:
 @kernel
 def accelerometer_psd(p: Parameters, c: Core) -> float:
     """White noise of the accelerometers, m^2/s^3: the sensor's and that of vibration."""
-    learned = c.process_noise.psd[0] * c.stationarity.vibration_level
+    learned = c.process_noise.psd[VELOCITY_NOISE] * c.stationarity.vibration_level
     return float(p.accel_psd + learned + c.stationarity.vibration_accel_psd)
 
 
@@ -99,7 +99,7 @@ def attitude_psd(p: Parameters, c: Core, turn_rate: float) -> float:
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
     return float(
         gyro_psd
-        + c.process_noise.psd[1] * c.stationarity.vibration_level  # learned
+        + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.vibration_level  # learned
         + c.stationarity.vibration_gyro_psd
         + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s
     )

@@ -43,7 +43,6 @@ from .state import (
 if TYPE_CHECKING:
     from .types import RissParameters, RissState
 
-FAULT_RATE = 0.3  # rad/s, error of the rate while the gyro fails
 MIN_COS_PITCH = 0.1
 AROUND_NS = 100_000_000  # two steps
 
@@ -188,7 +187,7 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     # a pitch rate, which is not measured, turns a rolled vehicle about the vertical
     add_variance(s, YAW, c * c * p.gyro_psd * T + elementary.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
     if outage_s > 0.0:
-        add_variance(s, YAW, FAULT_RATE**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
+        add_variance(s, YAW, p.tuning.fault_rate**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
     add_variance(s, SINK, tuning.sink_walk**2 * T)
     add_variance(s, ACCEL_BIAS_X, p.accel_bias_psd * T)
     add_variance(s, ACCEL_BIAS_Y, p.accel_bias_psd * T)

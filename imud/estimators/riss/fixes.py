@@ -47,9 +47,6 @@ if TYPE_CHECKING:
     from ..types import Fix, Innovation
     from .types import RissParameters, RissState
 
-INITIAL_YAW_SIGMA = math.radians(2.0)  # rad, of a heading that the user gives
-MIN_WHITE_SIGMA = (0.05, 0.03, 0.1)  # of horizontal position, velocity and height, m, m/s, m
-
 
 @kernel
 def velocity_of(fix: Fix) -> tuple[float, float]:
@@ -117,7 +114,9 @@ def set_heading(p: RissParameters, s: RissState, fix: Fix, vn: float, ve: float)
     if not (speed > p.tuning.align_speed or given):
         return
     yaw = s.initial_yaw if given else elementary.atan2(ve, vn)
-    sigma2 = INITIAL_YAW_SIGMA**2 if given else (s.white_var[WHITE_VELOCITY] + p.tuning.lateral_sigma**2) / speed**2
+    sigma2 = p.tuning.initial_yaw_sigma**2
+    if not given:
+        sigma2 = (s.white_var[WHITE_VELOCITY] + p.tuning.lateral_sigma**2) / speed**2
     t_ns = epoch_of(s, fix)
     s.x[YAW] = wrap_angle(yaw + (0.0 if given else travelled_since(s, t_ns, TRAVEL_YAW)))
     reset(s.P, STATES, YAW, sigma2)
@@ -146,7 +145,9 @@ def learn_white_noise(p: RissParameters, s: RissState, i: int, z: float, total: 
     explained = total - s.white_var[i]
     seen = min(max(z * z - explained, 0.25 * s.white_var[i]), 4.0 * s.white_var[i])
     s.white_var[i] += (seen - s.white_var[i]) / p.tuning.learning_fixes
-    s.white_var[i] = max(s.white_var[i], MIN_WHITE_SIGMA[i] ** 2)
+    least = p.tuning.min_white_velocity if i == WHITE_VELOCITY else p.tuning.min_white_position
+    least = p.tuning.min_white_height if i == WHITE_VERTICAL else least
+    s.white_var[i] = max(s.white_var[i], least**2)
 
 
 @kernel
@@ -200,8 +201,8 @@ def fuse_height(p: RissParameters, s: RissState, fix: Fix, row: Innovation) -> N
         fuse(s, n, z, s.white_var[WHITE_VERTICAL])
         learn_white_noise(p, s, WHITE_VERTICAL, z, total)
     else:
-        add_variance(s, SINK, 0.1)
-        add_variance(s, DOWN, 0.1 * total)
+        add_variance(s, SINK, p.tuning.rejected_sink_variance)
+        add_variance(s, DOWN, p.tuning.rejected_height_share * total)
 
 
 @kernel

@@ -94,6 +94,25 @@ TUNABLES = (
         "Half a percent of g.",
     ),
     Tunable("rest_s", 3.0, "s", "Time for which all signs of rest must last.", "Longer than a turning point."),
+    Tunable("min_white_position", 0.05, "m", "Least white sigma that is learned of a position.", "RTK."),
+    Tunable("min_white_velocity", 0.03, "m/s", "The same of a velocity.", "Real receivers."),
+    Tunable("min_white_height", 0.1, "m", "The same of a height.", "RTK."),
+    Tunable("initial_yaw_sigma", math.radians(2.0), "rad", "Sigma of a heading that the user gives.", "Choice."),
+    Tunable("fault_rate", 0.3, "rad/s", "Error of the yaw rate while the gyro fails.", "A vehicle's turn."),
+    Tunable(
+        "rejected_sink_variance",
+        0.1,
+        "m^2/s^2",
+        "Variance added to that of the vertical velocity with each rejected height.",
+        "Choice.",
+    ),
+    Tunable(
+        "rejected_height_share",
+        0.1,
+        "",
+        "Variance added to that of the height then, over that of the innovation.",
+        "Choice.",
+    ),
     Tunable("gate", 30.0, "NIS", "Gate of two measurements.", "Chi-square, 3e-7."),
     Tunable(
         "rejected_limit",
@@ -121,6 +140,8 @@ TUNABLES = (
         "Sigma of the slip per acceleration.",
         "10 % at 1 g: Wong (2008), ch. 1.",
     ),
+    Tunable("wheel_slip_time_s", 1.0, "s", "Correlation time of the slip.", "As navigation."),
+    Tunable("wheel_sign_sigmas", 3.0, "sigma", "Speed, in sigmas, whose sign a reading takes.", "Three sigma."),
     Tunable(
         "wheel_dead_speed", 0.3, "m/s", "Speed below which wheels are reported as standing.", "Pulses of an ABS ring."
     ),

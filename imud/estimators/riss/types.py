@@ -29,6 +29,13 @@ class Tuning:
     rest_rate: float
     rest_force: float
     rest_s: float
+    min_white_position: float
+    min_white_velocity: float
+    min_white_height: float
+    initial_yaw_sigma: float
+    fault_rate: float
+    rejected_sink_variance: float
+    rejected_height_share: float
     gate: float
     rejected_limit: int
     wheel_sigma: float
@@ -36,6 +43,8 @@ class Tuning:
     wheel_scale_walk: float
     wheel_slip: float
     wheel_slip_per_accel: float
+    wheel_slip_time_s: float
+    wheel_sign_sigmas: float
     wheel_dead_speed: float
     wheel_gate: float
     max_late_s: float

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from ..types import Innovation, Measurement
     from .types import RissParameters, RissState
 
-SLIP_S = 1.0  # correlation time of slip
-SIGN_SIGMAS = 3.0  # of u, from which its sign is used
-
 
 @kernel
 def signed(p: RissParameters, s: RissState, reading: float, u: float) -> float:
@@ -29,7 +26,7 @@ def signed(p: RissParameters, s: RissState, reading: float, u: float) -> float:
     dead, sigma = p.tuning.wheel_dead_speed, math.sqrt(variance(s, SPEED))
     if s.aligned == 0:
         return abs(reading)
-    if abs(u) > SIGN_SIGMAS * sigma + dead:
+    if abs(u) > p.tuning.wheel_sign_sigmas * sigma + dead:
         return math.copysign(reading, u)
     if abs(reading) <= dead:
         return 0.0
@@ -48,7 +45,8 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     reading = signed(p, s, m.value[SPEED_VALUE], u)
     if not math.isfinite(reading):
         return 0
-    every_s = min(max((m.t_ns - s.wheel_ns) * 1e-9, 1e-3), SLIP_S) if s.wheel_ns > 0 else SLIP_S
+    slip_s = p.tuning.wheel_slip_time_s
+    every_s = min(max((m.t_ns - s.wheel_ns) * 1e-9, 1e-3), slip_s) if s.wheel_ns > 0 else slip_s
     s.wheel_ns = m.t_ns
     add_variance(s, WHEEL_SCALE, p.tuning.wheel_scale_walk**2 * every_s)
     sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.wheel_sigma
@@ -62,6 +60,6 @@ def fuse_wheel_speed(p: RissParameters, s: RissState, m: Measurement, innovation
     row = innovations[0]
     row.t_ns, row.kind, row.value, row.variance, row.used = m.t_ns, ODOMETER, z, total, 1 if used else 0
     if used:
-        fuse(s, n, z, noise + (2.0 * SLIP_S / every_s - 1.0) * slip_sigma * slip_sigma)
+        fuse(s, n, z, noise + (2.0 * slip_s / every_s - 1.0) * slip_sigma * slip_sigma)
         inject_error(s)
     return 1

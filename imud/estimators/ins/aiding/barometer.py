@@ -21,7 +21,7 @@ from ...records import BAROMETER, BAROMETER_SOURCE
 from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, variance
 from ..fusion import correct_state, correlated_update, write_innovation
-from ..state import BARO_OFFSET, NEVER_NS, OTHER_AXIS, POSITION, VELOCITY
+from ..state import BARO_OFFSET, NEVER_NS, OTHER_AXIS, POSITION, VELOCITY, VERTICAL
 
 if TYPE_CHECKING:
     from ...types import Fix, Innovation, Measurement
@@ -151,7 +151,7 @@ def compare_heights(p: Parameters, c: Core, fix: Fix) -> None:
     be off by, and the offset begins anew.
     """
     g = c.barometer
-    if g.changed_ns == NEVER_NS or not math.isfinite(fix.height) or c.integrity.reject_count[1] > 0:
+    if g.changed_ns == NEVER_NS or not math.isfinite(fix.height) or c.integrity.reject_count[VERTICAL] > 0:
         return
     dt = 1e-9 * (fix.t_ns - g.fix_ns)
     if g.fix_ns == NEVER_NS or dt > p.tuning.baro_fix_s or 1e-9 * (fix.t_ns - g.changed_ns) > p.tuning.baro_reopen_s:
@@ -161,7 +161,7 @@ def compare_heights(p: Parameters, c: Core, fix: Fix) -> None:
     g.mean_reading += (g.reading - g.mean_reading) * dt / p.tuning.baro_fix_s
     g.scale_error2_by_fixes *= max(1.0 - dt / p.tuning.baro_ratio_memory_s, 0.0)
     climb, shown = fix.height - g.mean_fix_height, g.reading - g.mean_reading
-    difference, noise2 = climb - shown, c.gnss.noise_var[1] + c.gnss.bias_sigma[1] ** 2
+    difference, noise2 = climb - shown, c.gnss.noise_var[VERTICAL] + c.gnss.bias_sigma[VERTICAL] ** 2
     if abs(difference) < p.tuning.baro_ratio_tolerance * abs(climb) + p.tuning.baro_fix_sigmas * math.sqrt(noise2):
         return
     if g.scale_error2_by_fixes == 0.0:

@@ -20,7 +20,7 @@ from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detectio
 from ..glr_tests.reset import reset_glr_tests
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
-from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY
+from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
 from .gnss_noise import clear_gnss_bias
 from .wheel_check import wheels_reject, wheels_support
 
@@ -192,7 +192,7 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float) ->
 @kernel
 def clear_rejection(c: Core) -> None:
     """A position is used: no rejected one contradicts the estimate."""
-    c.integrity.reject_count[0] = 0
+    c.integrity.reject_count[HORIZONTAL] = 0
     for i in range(2):
         c.integrity.rejected_velocity[i] = 0.0
 
@@ -204,17 +204,17 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     Call for each rejected fix; an inconsistent position restarts the time. supported: see `velocity_is_supported`.
     """
     g = c.integrity
-    dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[0])
+    dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[HORIZONTAL])
     inertial2 = 0.0 if supported else inertial_velocity_variance(p, c)
     inconsistent = False
     for i in range(2):
-        bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
-        allowed = 2.0 * (bias2 + c.gnss.noise_var[0]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
+        bias2 = c.gnss.reported_sigma[HORIZONTAL] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
+        allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
         inconsistent = (
             inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
         )
-    if g.reject_count[0] == 1 or inconsistent:
-        g.reject_start_ns[0] = c.nav.t_ns
+    if g.reject_count[HORIZONTAL] == 1 or inconsistent:
+        g.reject_start_ns[HORIZONTAL] = c.nav.t_ns
         for i in range(2):
             g.reject_offset[i] = bias_free_innovation(c, i)
         return 0.0
@@ -263,22 +263,22 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
     if wheels_reject(p, c):
-        g.reject_count[0] += 1
+        g.reject_count[HORIZONTAL] += 1
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
         clear_rejection(c)
         return True
-    g.reject_count[0] += 1
+    g.reject_count[HORIZONTAL] += 1
     supported, outage_s = velocity_is_supported(p, c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     consistent_s = consistent_for(p, c, supported)
     state_rejection(p, c, supported, outage_s)
     either = c.drift.detected == BY_POSITIONS and only_receiver_supports(p, c, fix)
     if either:
         state_detected_drift(c)
-    if g.reject_count[0] == 1:
+    if g.reject_count[HORIZONTAL] == 1:
         g.outage_at_reject_s = outage_s
-    if g.reject_count[0] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
+    if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
@@ -297,22 +297,27 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
     """Whether the fix has a height and it is accepted; after long rejection the filter is reset to it."""
     g, known = c.integrity, math.isfinite(c.scratch.position_innovation[2])
     if not known or nis < p.tuning.gnss_position_gate:
-        g.reject_count[1] = 0
+        g.reject_count[VERTICAL] = 0
         return known
-    g.reject_count[1] += 1
-    if g.reject_count[1] == 1:
-        g.reject_start_ns[1] = c.nav.t_ns
-    if g.reject_count[1] <= p.tuning.reset_count or 1e-9 * (c.nav.t_ns - g.reject_start_ns[1]) <= p.tuning.reset_s:
+    g.reject_count[VERTICAL] += 1
+    if g.reject_count[VERTICAL] == 1:
+        g.reject_start_ns[VERTICAL] = c.nav.t_ns
+    if (
+        g.reject_count[VERTICAL] <= p.tuning.reset_count
+        or 1e-9 * (c.nav.t_ns - g.reject_start_ns[VERTICAL]) <= p.tuning.reset_s
+    ):
         return False
     reset_to_gnss(p, c, 2, 3, c.stationarity.at_rest != 0, 0.0, 0.0)
-    g.reject_count[1] = 0
+    g.reject_count[VERTICAL] = 0
     return True
 
 
 @kernel
 def set_rejecting(c: Core) -> None:
     """Store whether the last fix was rejected, in its horizontal position or its height."""
-    c.integrity.rejecting = 1 if c.integrity.reject_count[0] > 0 or c.integrity.reject_count[1] > 0 else 0
+    c.integrity.rejecting = (
+        1 if c.integrity.reject_count[HORIZONTAL] > 0 or c.integrity.reject_count[VERTICAL] > 0 else 0
+    )
 
 
 @kernel

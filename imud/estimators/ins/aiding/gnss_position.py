@@ -24,6 +24,7 @@ from ..state import (
     ATTITUDE,
     GNSS_BIAS,
     GNSS_LEVER_ARM,
+    HORIZONTAL,
     NAVIGATING,
     OTHER_AXIS,
     POSITION,
@@ -133,7 +134,7 @@ def excess_variance(c: Core, lever: Vector, extra: float) -> float:
     """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
     most, z = 0.0, c.scratch.position_innovation
     for i in range(2):
-        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[0] + extra
+        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[HORIZONTAL] + extra
         most = max(most, z[i] ** 2 - s)
     return most
 
@@ -159,7 +160,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     receiver_share = 0.0
     if nis > p.tuning.gnss_position_gate:
         receiver_share = split_excess(p, c, excess_variance(c, lever, extra))
-    after_rejects = c.integrity.reject_count[0] > 0
+    after_rejects = c.integrity.reject_count[HORIZONTAL] > 0
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
     count_position(p, c, horizontal, after_rejects)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))

@@ -38,7 +38,7 @@ from ..aiding.gnss_velocity import velocity_of
 from ..ekf import variance
 from ..lever_arm import velocity_of_point
 from ..mechanization import ned_difference
-from ..state import AGE_STEP_NS, AGES, COARSE_ALIGNMENT, NEVER_NS, NO_AGE, SNAPSHOTS, TIME_OFFSET
+from ..state import AGE_STEP_NS, AGES, COARSE_ALIGNMENT, HORIZONTAL, NEVER_NS, NO_AGE, SNAPSHOTS, TIME_OFFSET
 from .force_integrals import (
     DELTA_V,
     Complex,
@@ -168,7 +168,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
         g.integrals[:] = math.nan
     vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
     reported = math.isfinite(vn) and math.isfinite(ve)
-    noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[0] / dt**4
+    noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[HORIZONTAL] / dt**4
     if not reported:
         north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
         vn, ve = north / dt, east / dt

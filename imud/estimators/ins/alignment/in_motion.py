@@ -20,7 +20,7 @@ from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..ekf import combine, decorrelate, innovation_variance, standard_deviation, variance
 from ..lever_arm import antenna_velocity
 from ..mechanization import ned_difference, set_position, set_velocity
-from ..state import ATTITUDE, GNSS_BIAS, POSITION, VELOCITY
+from ..state import ATTITUDE, GNSS_BIAS, HORIZONTAL, POSITION, VELOCITY, VERTICAL
 from .force_integrals import DELTA_V, TIME, multiply, phasor
 from .heading_acceptance import find_heading
 from .hypothesis_bank import frame_rotation, nearest_hypothesis
@@ -56,8 +56,8 @@ TUNABLES = (
 @kernel
 def differenced_velocity_variance(p: Parameters, c: Core, dt: float) -> float:
     """Variance, m^2/s^2, of a velocity component differenced from two positions `dt` s apart."""
-    bias2 = c.gnss.reported_sigma[0] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
-    return float(2.0 * (c.gnss.noise_var[0] + bias2) / dt**2)
+    bias2 = c.gnss.reported_sigma[HORIZONTAL] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
+    return float(2.0 * (c.gnss.noise_var[HORIZONTAL] + bias2) / dt**2)
 
 
 @kernel
@@ -82,7 +82,7 @@ def speed_from_positions(p: Parameters, c: Core, lat: float, lon: float) -> floa
     if a.mean_velocity_s > 0.0:
         speed = elementary.hypot(a.mean_velocity[0], a.mean_velocity[1])
         # the GNSS bias hardly changes within a pair
-        sigma = math.sqrt(2.0 * c.gnss.noise_var[0]) / a.mean_velocity_s
+        sigma = math.sqrt(2.0 * c.gnss.noise_var[HORIZONTAL]) / a.mean_velocity_s
         if speed > p.tuning.speed_sigmas * sigma or p.tuning.speed_sigmas * sigma < p.tuning.rest_speed:
             return speed
     return speed_since_low_motion
@@ -100,7 +100,7 @@ def observe_forward_axis(p: Parameters, c: Core, vn: float, ve: float) -> None:
         if not dt > 0.0 or a.pair_start_ns != c.nav.t_ns:
             return
         turned = 0.5 * dt * (abs(c.imu.rate_b[0]) + abs(c.imu.rate_b[1]) + abs(c.imu.rate_b[2]))
-        noise = 2.0 * c.gnss.noise_var[0] / dt**2 + turned**2 * (vn**2 + ve**2)
+        noise = 2.0 * c.gnss.noise_var[HORIZONTAL] / dt**2 + turned**2 * (vn**2 + ve**2)
     rotation2 = innovation_variance(c, vertical_bias_jacobian(c)) * p.tuning.heading_horizon_s**2
     accumulate_scatter(p, c, (vn, ve, 0.0), noise, rotation2)
 
@@ -131,7 +131,7 @@ def reset_to_fix(p: Parameters, c: Core, fix: Fix) -> None:
     set_position(c, fix.lat, fix.lon, fix.height)
     guess = 0.0  # m, sigma of the height that the filter has, where the fix gives none; 0: the fix gives one
     if not math.isfinite(fix.height):
-        guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[1]), p.tuning.unknown_height)
+        guess = min(max(standard_deviation(c, POSITION + 2), c.gnss.reported_sigma[VERTICAL]), p.tuning.unknown_height)
     for i in range(3):
         v = velocity_of(p, fix, i)
         known = math.isfinite(v)

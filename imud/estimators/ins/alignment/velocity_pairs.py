@@ -16,7 +16,7 @@ from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, variance
 from ..mechanization import ned_difference, rotation_matrix
-from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, NEVER_NS, TIME_OFFSET
+from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, HORIZONTAL, NAVIGATING, NEVER_NS, TIME_OFFSET, VELOCITY_NOISE
 from .force_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
 from .hypothesis_bank import (
     antenna_offset,
@@ -131,8 +131,8 @@ def pair_duration(p: Parameters, c: Core) -> float:
     The velocity change is a second difference: of three positions with white noise, and of two increments of the GNSS
     bias, taken as a random walk.
     """
-    walk = 4.0 * c.gnss.reported_sigma[0] ** 2 / p.tuning.gnss_bias_time_s
-    root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[0] * p.tuning.pair_velocity_sigma**2)
+    walk = 4.0 * c.gnss.reported_sigma[HORIZONTAL] ** 2 / p.tuning.gnss_bias_time_s
+    root = math.sqrt(walk * walk + 24.0 * c.gnss.noise_var[HORIZONTAL] * p.tuning.pair_velocity_sigma**2)
     seconds: float = (walk + root) / (2.0 * p.tuning.pair_velocity_sigma**2)
     return min(max(seconds, p.tuning.pair_min_s), p.tuning.pair_max_s)
 
@@ -214,7 +214,7 @@ def match_fix(
         restart_matching(p, c, b)
     else:
         propagate_hypotheses(p, c, b, dt)
-        predict_whitening(p, b, c.gnss.reported_sigma[0], c.process_noise.psd[0], dt)
+        predict_whitening(p, b, c.gnss.reported_sigma[HORIZONTAL], c.process_noise.psd[VELOCITY_NOISE], dt)
         discount(b, elementary.exp(-2.0 * dt / duration))
     if math.isfinite(vn) and math.isfinite(ve):
         match_if_consistent(p, c, b, False, (vn, ve), c.gnss.velocity_noise_var + timing_velocity_variance(c) + noise2)
@@ -225,14 +225,14 @@ def match_fix(
             b,
             True,
             ned_difference(c, a.origin_lat, a.origin_lon, lat, lon),
-            c.gnss.noise_var[0] + timing2,
+            c.gnss.noise_var[HORIZONTAL] + timing2,
         )
 
 
 @kernel
 def restart_matching(p: Parameters, c: Core, b: HypothesisBank) -> None:
     """Reset the whitening filter: its position and velocity are those of the next fix."""
-    reset_whitening(p, b, c.gnss.reported_sigma[0])
+    reset_whitening(p, b, c.gnss.reported_sigma[HORIZONTAL])
     c.alignment.reject_count = 0
 
 
@@ -281,7 +281,7 @@ def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bo
     change = c.scratch.integral_change
     inertial = elementary.hypot(change[DELTA_V, 0], change[DELTA_V, 1])
     tilt2 = STANDARD_GRAVITY**2 * max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    noise2 = 6.0 * (c.gnss.noise_var[0] + c.gnss.reported_sigma[0] ** 2) / dt**2
+    noise2 = 6.0 * (c.gnss.noise_var[HORIZONTAL] + c.gnss.reported_sigma[HORIZONTAL] ** 2) / dt**2
     allowed = noise2 + tilt2 * change[TIME, 0] ** 2
     return bool(max(elementary.hypot(vn, ve) - inertial, 0.0) ** 2 > p.tuning.match_gate * allowed)
 

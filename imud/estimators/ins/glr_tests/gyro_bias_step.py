@@ -28,7 +28,16 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance
 from ..mechanization import rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, GYRO_BIAS_ONSETS, GYRO_STEP_FAULT, NEVER_NS, POSITION_AXIS, VELOCITY_AXIS
+from ..state import (
+    ATTITUDE,
+    GYRO_BIAS,
+    GYRO_BIAS_ONSETS,
+    GYRO_STEP_FAULT,
+    HORIZONTAL,
+    NEVER_NS,
+    POSITION_AXIS,
+    VELOCITY_AXIS,
+)
 from .fault_sensitivity import chi2_beyond, copy_column, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -85,7 +94,7 @@ def open_gyro_bias_step(c: Core, j: int) -> None:
 @kernel
 def counts_positions(p: Parameters, c: Core) -> bool:
     """Whether positions count: they are of centimetres, or the receiver reports no velocities."""
-    exact = 0.0 < c.gnss.reported_sigma[0] < p.tuning.survey_sigma
+    exact = 0.0 < c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
     return bool(exact or 1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns) > p.tuning.gyro_bias_onset_s)
 
 

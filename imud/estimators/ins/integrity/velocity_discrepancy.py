@@ -29,7 +29,7 @@ from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
 from ..glr_tests.reset import reset_glr_tests
 from ..mechanization import ned_difference, wrap_angle
-from ..state import CHORD_POINTS, NAVIGATING, NEVER_NS, POSITION, VELOCITY
+from ..state import CHORD_POINTS, HORIZONTAL, NAVIGATING, NEVER_NS, POSITION, VELOCITY
 from .reset_inflation import inflate_position
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int
     t = 1e-9 * (b.t_ns - a.t_ns)
     lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
     bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
-    r = 2.0 * (c.gnss.noise_var[0] + bias2) + b.variance - a.variance + lag2
+    r = 2.0 * (c.gnss.noise_var[HORIZONTAL] + bias2) + b.variance - a.variance + lag2
     return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
 
 

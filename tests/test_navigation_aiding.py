@@ -62,6 +62,13 @@ def played(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a f
     return np.concatenate(blocks), np.concatenate(innovations)
 
 
+def found_of_sources(samples, fixes, measurements, settings):
+    """What the filter has found out of the sources at the end, by their codes."""
+    filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
+    play(filter_, samples.copy(), fixes, lambda _: None, None, lambda _: None, measurements)
+    return filter_.estimator.source_estimates(filter_.state)
+
+
 def estimated(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value
     """(solutions, innovations of the measurements), everything in the order in which it became known."""
     out, innovations = played(samples, fixes, measurements, settings)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
-from test_navigation_aiding import estimated
+from test_navigation_aiding import estimated, found_of_sources
 
 from imud.configuration.settings import Aiding, Initial, Navigation, Noise, Settings
 from imud.estimators import registry
@@ -171,6 +171,14 @@ def test_a_vehicle_that_starts_with_a_wrong_field_finds_its_heading_in_motion_an
     assert np.abs(e[1900]) > np.radians(30.0)
     moving = during(d, 62.0)
     assert (out["status"][moving] & HEADING_VALID).all() and (np.abs(e[moving]) < 4.0 * sigma[moving]).all()
+
+
+def test_why_a_field_is_not_used_is_said():
+    d, samples, fixes, rng = recorded(4, seconds=40.0, rest=40.0)
+    rows = readings(d, rng)
+    assert "finding" not in found_of_sources(samples, fixes, rows, ON).get(MAGNETOMETER_SOURCE, {})
+    motor(rows, 30.0)
+    assert "not the earth's" in found_of_sources(samples, fixes, rows, ON)[MAGNETOMETER_SOURCE]["finding"]
 
 
 def test_a_reading_without_field_or_place_changes_nothing():

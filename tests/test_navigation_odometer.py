@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
-from test_navigation_aiding import estimated
+from test_navigation_aiding import estimated, found_of_sources
 from vehicle_simulation import FREE, vehicle
 
-from imud.batch import play
-from imud.configuration.settings import Initial, Navigation, Settings
-from imud.estimators import registry
+from imud.configuration.settings import Navigation, Settings
 from imud.estimators.records import COASTING, HEADING_VALID, MEASUREMENT, ODOMETER, ODOMETER_SOURCE, REJECTING
-from imud.pipeline import Filter
 
 SIGMA = 0.05
 
@@ -82,6 +79,8 @@ def test_wheels_in_wrong_units_are_rejected_and_change_little():
     alone, _ = estimated(samples, fixes, rows[:0])
     moving = innovations["t_ns"] > 130e9
     assert innovations["used"][moving].mean() < 0.05
+    found = found_of_sources(samples, fixes, rows, Settings())[ODOMETER_SOURCE]
+    assert found["finding"] == "it contradicts the estimate"
     later = d.t > 60.0
     apart = np.abs(out["v"][later] - alone["v"][later]) / alone["sigma_v"][later]
     assert apart.max() < 1.0
@@ -177,9 +176,7 @@ def test_across_the_body_a_reading_is_not_used_and_that_is_said():
     d, rng = vehicle("walk", 51, 60.0), np.random.default_rng(51)
     samples = sensed(d, rng, mount=Rotation.from_euler("z", -90.0, degrees=True))
     settings = Settings(navigation=Navigation(vehicle="free"))
-    filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
-    play(filter_, samples, received(d, rng), lambda _: None, None, lambda _: None, readings(d, rng))
-    found = filter_.estimator.source_estimates(filter_.state)[ODOMETER_SOURCE]
+    found = found_of_sources(samples, received(d, rng), readings(d, rng), settings)[ODOMETER_SOURCE]
     assert "imu.mount_rpy_deg" in found["finding"]
 
 

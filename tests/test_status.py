@@ -237,6 +237,15 @@ def test_innovation_ratios_of_a_consistent_filter_are_one():
     assert np.mean(ratios, axis=0) == pytest.approx([1.0, 9.0], rel=0.1)
 
 
+def test_a_pose_with_four_innovations_is_counted_once():
+    statistics, rows = InnovationStatistics(), np.zeros(4, INNOVATION)
+    rows["kind"], rows["value"], rows["variance"], rows["used"] = (5, 6, 7, 8), 2.0, 4.0, 1
+    for _ in range(10):
+        statistics.add(rows)
+    assert statistics.sum((5, 6, 7, 8, 9)) == {"used": 10, "rejected": 0, "ratio": 1.0}
+    assert statistics.sum((9,)) == {"used": 0, "rejected": 0}
+
+
 def test_a_sources_share_is_of_the_reductions_of_a_minute():
     shares = SigmaShares()
     assert shares.table("odometer") == {}

@@ -62,10 +62,10 @@ class InnovationStatistics:
                 entry["ratio"] += (value * value / variance - entry["ratio"]) / min(RATIO_SAMPLES, self._finite[kind])
 
     def sum(self, kinds: Iterable[int]) -> Table:
-        """Of these kinds together: `used` and `rejected`, and the mean of their ratios, if any has one."""
+        """Of measurements with an innovation of each of these kinds: counts, and the mean of the kinds' ratios."""
         entries = {kind: self._table[kind] for kind in kinds if kind in self._table}
         ratios = [entry["ratio"] for kind, entry in entries.items() if self._finite[kind]]
-        counts = {what: sum(entry[what] for entry in entries.values()) for what in ("used", "rejected")}
+        counts = {what: max((entry[what] for entry in entries.values()), default=0) for what in ("used", "rejected")}
         return counts | ({"ratio": sum(ratios) / len(ratios)} if ratios else {})
 
     def table(self) -> Table:

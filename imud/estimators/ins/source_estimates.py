@@ -9,11 +9,12 @@ from ..records import (
     BAROMETER_SOURCE,
     BODY_VELOCITY_SOURCE,
     HEADING_SOURCE,
+    MAGNETOMETER_SOURCE,
     ODOMETER_SOURCE,
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from .aiding.records import CONTRADICTED, NO_DIRECTION
+from .aiding.records import CONTRADICTED, NO_DIRECTION, OTHER_FIELD
 from .state import BARO_OFFSET, NAVIGATING, NEVER_NS, ODOMETER_SCALE, STATES
 
 REPEATED_NS = 10_000_000_000  # a barometer that says the same for longer has stopped
@@ -27,6 +28,7 @@ _FINDINGS = {
 _UNUSED = {
     CONTRADICTED: "it contradicts the estimate",
     NO_DIRECTION: "the vehicle does not move along the forward axis: is imu.mount_rpy_deg right?",
+    OTHER_FIELD: "its field is not the earth's, or not steady",
 }
 
 
@@ -55,6 +57,8 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
     for kind, (record, key, wrong, text) in _FINDINGS.items():
         if c[record][key] == wrong:
             found.setdefault(kind, {})["finding"] = text
+    if c["magnetometer"]["unused"]:
+        found[MAGNETOMETER_SOURCE] = {"finding": _UNUSED[int(c["magnetometer"]["unused"])]}
     barometer = c["barometer"]
     if barometer["changed_ns"] != NEVER_NS and c["nav"]["t_ns"] - barometer["changed_ns"] > REPEATED_NS:
         found[BAROMETER_SOURCE]["finding"] = "it repeats its last reading"

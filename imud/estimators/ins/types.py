@@ -446,6 +446,7 @@ class Magnetometer:
     dip: float
     variation: float
     heading_variance: float
+    unused: int
 
 
 class Odometer:

@@ -74,7 +74,7 @@ function sources(news) {
       its.offset_m != null && `offset ${its.offset_m.toFixed(1)} ± ${its.soffset_m.toPrecision(2)} m`,
       its.boresight_deg != null && `boresight ${its.boresight_deg.toFixed(1)} ± ${its.sboresight_deg.toPrecision(1)}°`,
       its.deviation_deg != null && `deviates by ${its.deviation_deg.toFixed(1)}°`,
-      its.late_s != null && `late by ${its.late_s.toFixed(2)} s`].filter(Boolean).join(", ");
+      its.late_s != null && `${its.late_s < 0 ? "early" : "late"} by ${Math.abs(its.late_s).toFixed(2)} s`].filter(Boolean).join(", ");
     const ratio = its.ratio == null ? "" : `ratio ${its.ratio.toPrecision(2)}`;
     const rate = its.age_s > STALE_S ? `silent for ${Math.round(its.age_s)} s` : its.rate_hz == null ? "" : `${its.rate_hz.toFixed(1)} Hz`;
     const finding = its.finding && `not used: ${its.finding}`, isBad = finding || its.age_s > STALE_S;

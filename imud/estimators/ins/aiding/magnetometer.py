@@ -34,6 +34,7 @@ from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
 from .heading import yaw_jacobian
+from .records import CONTRADICTED, OTHER_FIELD
 
 if TYPE_CHECKING:
     from ....math.rotation import Vector
@@ -206,6 +207,7 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
     if steady and z * z > largest:
         g.contradicted_ns = m.t_ns
     used = steady and not contradicted and z * z <= largest
+    g.unused = 0 if used else (CONTRADICTED if steady else OTHER_FIELD)
     s = h + r
     if used and known > least:  # with this variance the heading's is not below `least` afterwards
         others = max(shared * shared / (known - least) - s, 0.0)

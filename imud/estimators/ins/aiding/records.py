@@ -102,6 +102,7 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
     align=True,
 )
 
+CONTRADICTED, NO_DIRECTION, OTHER_FIELD = 1, 2, 3  # why a reading was not used
 MAGNETOMETER = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last reading
@@ -111,6 +112,7 @@ MAGNETOMETER = np.dtype(
         ("dip", "<f8"),  # rad, smoothed: its dip less that of the earth
         ("variation", "<f8"),  # smoothed squares of the differences of both from their smoothed values
         ("heading_variance", "<f8"),  # rad^2, of the heading after the last reading; 0 while it is not known
+        ("unused", "<i8"),  # why the last reading was not used: CONTRADICTED, OTHER_FIELD; 0: it was
     ],
     align=True,
 )
@@ -160,7 +162,6 @@ HEADING_AID = np.dtype(
     align=True,
 )
 
-CONTRADICTED, NO_DIRECTION = 1, 2
 ODOMETER = np.dtype(
     [
         ("last_ns", "<i8"),  # epoch of the last reading

@@ -36,10 +36,11 @@ REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = 0, 1, 2
 POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 1: east
 OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
 CONSTRAINT_AXIS = -4  # of the non-holonomic constraint
-# places in arrays of two
+# places in small arrays
 HORIZONTAL, VERTICAL = 0, 1  # of what a receiver's position has
 VELOCITY_NOISE, ATTITUDE_NOISE = 0, 1  # of the learned process noise
 RATES, FORCES = 0, 1  # of what a sample has
+NN, NE, EE, NH, EH, HH = range(6)  # of information about north, east and, where it is sought, the heading
 HYPOTHESES = 33  # of the rate at which the level frame rotates during alignment
 VECTORS = 12  # pairs of vectors kept, from which roll and pitch are found in motion
 NEVER_NS = -(1 << 62)  # a time before all others

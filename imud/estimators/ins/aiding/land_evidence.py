@@ -31,6 +31,7 @@ from ....math.kalman import packed_index
 from ....math.rotation import cross, dot, quat_rotate, quat_rotate_back
 from ...tuning import Tunable
 from ..mechanization import quaternion
+from ..state import EE, NE, NN
 from .wheel_check import wheels_support
 
 if TYPE_CHECKING:
@@ -207,9 +208,9 @@ def judge_evidence(p: Parameters, c: Core) -> None:
     e.log_likelihood = log_evidence(I00, I01, I11, z0, z1, slip_variance(p, speed2))
     e.log_likelihood -= log_evidence(I00, I01, I11, z0, z1, current_variance(p, speed2))
     e.current_vector[0], e.current_vector[1] = -sin * z0 - cos * z1, cos * z0 - sin * z1
-    e.current_information[0] = sin * sin * I00 + 2.0 * sin * cos * I01 + cos * cos * I11
-    e.current_information[1] = sin * cos * (I11 - I00) + (sin * sin - cos * cos) * I01
-    e.current_information[2] = cos * cos * I00 - 2.0 * sin * cos * I01 + sin * sin * I11
+    e.current_information[NN] = sin * sin * I00 + 2.0 * sin * cos * I01 + cos * cos * I11
+    e.current_information[NE] = sin * cos * (I11 - I00) + (sin * sin - cos * cos) * I01
+    e.current_information[EE] = cos * cos * I00 - 2.0 * sin * cos * I01 + sin * sin * I11
 
 
 @kernel

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
-from ..state import ATTITUDE, AUTO, CURRENT_FAULT
+from ..state import ATTITUDE, AUTO, CURRENT_FAULT, EE, NE, NN
 from .fault_sensitivity import open_column, remove_drift
 from .gyro_bias_step import weight_of
 
@@ -50,9 +50,9 @@ def add_to_current(c: Core, z: float, s: float, weight: float) -> None:
     north, east = mean[CURRENT_FAULT], mean[CURRENT_FAULT + 1]
     g.vector[0] += weight * north * z / s
     g.vector[1] += weight * east * z / s
-    g.information[0] += weight * north * north / s
-    g.information[1] += weight * north * east / s
-    g.information[2] += weight * east * east / s
+    g.information[NN] += weight * north * north / s
+    g.information[NE] += weight * north * east / s
+    g.information[EE] += weight * east * east / s
     g.energy += weight * z * z / s
     g.count += weight
 
@@ -74,7 +74,7 @@ def current_posterior(c: Core, prior: float) -> Any:
     """
     g, k = c.current, 1.0 / prior
     scale = 1.0 / max(g.energy / max(g.count, 1.0), 1.0)
-    a, b, ab = scale * g.information[0] + k, scale * g.information[2] + k, scale * g.information[1]
+    a, b, ab = scale * g.information[NN] + k, scale * g.information[EE] + k, scale * g.information[NE]
     det = a * b - ab * ab
     nn, ne, ee = b / det, -ab / det, a / det
     y0, y1 = scale * g.vector[0], scale * g.vector[1]

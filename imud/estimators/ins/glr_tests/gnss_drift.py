@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..state import DRIFT_FAULT, NEVER_NS, ONSETS, POSITION, POSITION_AXIS, VELOCITY, VELOCITY_AXIS
+from ..state import DRIFT_FAULT, EE, NE, NEVER_NS, NN, ONSETS, POSITION, POSITION_AXIS, VELOCITY, VELOCITY_AXIS
 from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
@@ -181,9 +181,9 @@ def add_to_drift(c: Core, z: float, s: float, axis: int) -> None:
         if g.onset_ns[j] != NEVER_NS:
             g.information_vector[j, 0] += north * z / s
             g.information_vector[j, 1] += east * z / s
-            g.information_matrix[j, 0] += north * north / s
-            g.information_matrix[j, 1] += north * east / s
-            g.information_matrix[j, 2] += east * east / s
+            g.information_matrix[j, NN] += north * north / s
+            g.information_matrix[j, NE] += north * east / s
+            g.information_matrix[j, EE] += east * east / s
             g.innovation_count[j] += 1
 
 
@@ -196,7 +196,7 @@ def estimate_drift(
     The covariance is that of the innovations times `noise_scale`, plus min_drift_speed squared.
     """
     g = c.drift
-    nn, ne, ee = g.information_matrix[j, 0], g.information_matrix[j, 1], g.information_matrix[j, 2]
+    nn, ne, ee = g.information_matrix[j, NN], g.information_matrix[j, NE], g.information_matrix[j, EE]
     determinant = nn * ee - ne * ne
     if not determinant > 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

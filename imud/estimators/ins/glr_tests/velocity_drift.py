@@ -21,7 +21,21 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..state import ATTITUDE, NEVER_NS, ONSETS, POSITION, VELOCITY, VELOCITY_AXIS, VELOCITY_DRIFT_FAULT
+from ..state import (
+    ATTITUDE,
+    EE,
+    EH,
+    HH,
+    NE,
+    NEVER_NS,
+    NH,
+    NN,
+    ONSETS,
+    POSITION,
+    VELOCITY,
+    VELOCITY_AXIS,
+    VELOCITY_DRIFT_FAULT,
+)
 from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 
 if TYPE_CHECKING:
@@ -145,12 +159,12 @@ def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int)
         g.vector[j, 0] += weight * north * z
         g.vector[j, 1] += weight * east * z
         g.vector[j, 2] += weight * turned * z
-        g.information[j, 0] += weight * north * north
-        g.information[j, 1] += weight * north * east
-        g.information[j, 2] += weight * east * east
-        g.information[j, 3] += weight * north * turned
-        g.information[j, 4] += weight * east * turned
-        g.information[j, 5] += weight * turned * turned
+        g.information[j, NN] += weight * north * north
+        g.information[j, NE] += weight * north * east
+        g.information[j, EE] += weight * east * east
+        g.information[j, NH] += weight * north * turned
+        g.information[j, EH] += weight * east * turned
+        g.information[j, HH] += weight * turned * turned
         g.energy[j] += weight * z * z
         g.count[j] += weight * s
 
@@ -161,9 +175,9 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
     g = c.velocity_drift
     m, v = g.information[j], g.vector[j]
     step_sigma = 0.0 if g.confirmations >= p.tuning.heading_confirmations else p.tuning.unconfirmed_heading_sigma
-    share = 1.0 / (m[5] + 1.0 / step_sigma**2) if step_sigma > 0.0 else 0.0
-    nn, ne, ee = m[0] - share * m[3] ** 2, m[1] - share * m[3] * m[4], m[2] - share * m[4] ** 2
-    yn, ye = v[0] - share * m[3] * v[2], v[1] - share * m[4] * v[2]
+    share = 1.0 / (m[HH] + 1.0 / step_sigma**2) if step_sigma > 0.0 else 0.0
+    nn, ne, ee = m[NN] - share * m[NH] ** 2, m[NE] - share * m[NH] * m[EH], m[EE] - share * m[EH] ** 2
+    yn, ye = v[0] - share * m[NH] * v[2], v[1] - share * m[EH] * v[2]
     determinant = nn * ee - ne * ne
     if not determinant > 1e-9 * nn * ee:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

@@ -15,7 +15,7 @@ from imud.estimators.ins.aiding.non_holonomic import disable_nhc, enable_nhc
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.propagation import gap_variance
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, GYRO_SCALE, STATES
+from imud.estimators.ins.state import ATTITUDE, GNSS_BIAS, GYRO_SCALE, MOUNT_PITCH, MOUNT_YAW, STATES
 from imud.math.kalman import scale, unpack
 
 clear_innovation_sums = in_c(clear_innovation_sums)
@@ -109,7 +109,9 @@ def test_a_wrong_constraint_inflates_the_covariance():
     doubted = np.diag(unpack(c["cov"]["P"], STATES))
     bent = [*range(ATTITUDE, GNSS_BIAS), *range(GYRO_SCALE, GYRO_SCALE + 9)]
     assert doubted[bent] == pytest.approx(began[bent])
-    rest = np.setdiff1d(np.arange(STATES), bent)
+    axis = [MOUNT_PITCH, MOUNT_YAW]  # it was wrong, too: as uncertain as before it was found
+    assert doubted[axis] == pytest.approx(TUNING["unknown_mount_sigma"] ** 2)
+    rest = np.setdiff1d(np.arange(STATES), [*bent, *axis])
     assert doubted[rest] == pytest.approx(0.01 * began[rest])
     assert c["nhc"]["enabled"] == 0
 

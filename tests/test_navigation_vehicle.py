@@ -120,6 +120,23 @@ def test_a_vehicle_that_leans_into_turns_is_no_land_vehicle(lateral_share, land)
     assert travelled(heading, along, lateral_share=lateral_share)["nhc"]["enabled"] == land
 
 
+@pytest.mark.parametrize("lateral, enabled", [(0.05, 1), (1.5, 0)])
+def test_a_land_vehicle_by_the_settings_that_keeps_sliding_is_none(lateral, enabled):
+    p = configure(Settings(navigation=Navigation(vehicle="land")), 100.0)
+    c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=0.0))["core"][0, 0]
+    known = np.diag([1.0] * 3 + [0.01] * 3 + [1e-4] * (STATES - 6))[np.triu_indices(STATES)]
+    c["cov"]["P"], c["alignment"]["mode"] = known, NAVIGATING
+    c["nhc"]["down_sum"], c["nhc"]["principal_axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    non_holonomic.enable_nhc(p[0], c)
+    for k in range(20 * int(p["tuning"]["nhc_sum_length"][0])):
+        c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = k * 100_000_000
+        c["nav"]["v_n"], c["nav"]["q_nb"], c["cov"]["P"] = (5.0, lateral, 0.0), (1.0, 0.0, 0.0, 0.0), known
+        if c["nhc"]["enabled"]:
+            non_holonomic.fuse_nhc(p[0], c)
+    assert c["nhc"]["enabled"] == enabled
+    assert c["nhc"]["disable_count"] == 1 - enabled
+
+
 @pytest.mark.parametrize("millimetres, hertz, heaves", [(20.0, 1.8, True), (2.0, 4.0, False), (0.0, 1.0, False)])
 def test_steps_heave_and_wheels_do_not(millimetres, hertz, heaves):
     p = configure(Settings(), 100.0)

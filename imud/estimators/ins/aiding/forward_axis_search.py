@@ -127,7 +127,7 @@ def find_forward_axis(p: Parameters, c: Core) -> bool:
     across = h.velocity_scatter[0] + h.velocity_scatter[3] + h.velocity_scatter[5] - principal_direction(p, c)
     n, land, t = h.scatter_weight, p.vehicle == LAND, p.tuning
     disabled_s = 1e-9 * (c.nav.t_ns - h.disabled_ns)
-    if h.disable_count > 0 and not land and disabled_s < p.tuning.nhc_retry_s * (1 << min(h.disable_count, 62)):
+    if h.disable_count > 0 and disabled_s < p.tuning.nhc_retry_s * (1 << min(h.disable_count, 62)):
         return False
     if land:
         found = n >= t.axis_windows_land and across < t.axis_across_land * n

@@ -260,5 +260,5 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (
         min(max(abs(lateral_nis), abs(vertical_nis)), 4.0 * p.tuning.nhc_gate) - h.mean_nis
     )
-    if (learn_noise_scale(p, c) or h.mean_nis > p.tuning.nhc_max_mean_nis) and p.vehicle != LAND:
+    if learn_noise_scale(p, c) or (h.mean_nis > p.tuning.nhc_max_mean_nis and p.vehicle != LAND):
         disable_nhc(p, c, along)

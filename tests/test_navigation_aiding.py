@@ -88,6 +88,14 @@ def recorded(seed, seconds=60.0, rest=30.0):
     return d, sensed(d, rng), received(d, rng), rng
 
 
+def test_that_headings_contradict_the_estimate_is_said_at_once():
+    d, samples, fixes, rng = recorded(9, rest=15.0)
+    rows = headings(d, rng)
+    assert "finding" not in found_of_sources(samples, fixes, rows, KNOWN)[HEADING_SOURCE]
+    rows["value"][rows["t_ns"] > 158e9, 0] += 0.7
+    assert "contradicts" in found_of_sources(samples, fixes, rows, KNOWN)[HEADING_SOURCE]["finding"]
+
+
 def test_measurements_of_a_block_are_those_taken_one_by_one():
     d, samples, fixes, rng = recorded(9, rest=15.0)
     late = np.concatenate([headings(d, rng, 0.1, late_s) for late_s in (0.0, 0.3, -500.0, 500.0)])

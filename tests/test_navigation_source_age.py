@@ -105,7 +105,7 @@ def test_slips_and_jumps_are_no_age():
 
 def test_status_reports_it():
     _, found, filter_ = ages(*faulty("odometer", late, 1), BEGIN_S + 40.0)
-    tables = {"odometer": {}, "barometer": {}}
+    tables = {"odometer": {"age_s": 0.1}, "barometer": {"age_s": 0.1}}
     add_estimates(tables, filter_)
     assert tables["odometer"]["late_s"] == round(found[-1, 1], 2) and "late_s" not in tables["barometer"]
     assert abs(tables["odometer"]["scale"] - 1.01) < 3.0 * tables["odometer"]["sscale"] < 0.03

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,10 +21,11 @@ from imud.commands import status
 from imud.commands.status import screen
 from imud.commands.status.metrics import METRICS, prometheus
 from imud.daemon.sigma_shares import SigmaShares
-from imud.daemon.status_tables import InnovationStatistics, flat, status_object
+from imud.daemon.status_tables import InnovationStatistics, add_estimates, flat, status_object
 from imud.errors import DeviceAbsentError, ImudError
 from imud.estimators.innovation_kinds import KINDS
-from imud.estimators.records import ASSUMED, INNOVATION
+from imud.estimators.ins.aiding.barometer import SOURCE
+from imud.estimators.records import ASSUMED, BAROMETER_SOURCE, INNOVATION
 from imud.filter_state_names import STATES
 from imud.outputs.addresses import parse_address
 from imud.outputs.gpsd_objects import line
@@ -244,6 +246,15 @@ def test_a_pose_with_four_innovations_is_counted_once():
         statistics.add(rows)
     assert statistics.sum((5, 6, 7, 8, 9)) == {"used": 10, "rejected": 0, "ratio": 1.0}
     assert statistics.sum((9,)) == {"used": 0, "rejected": 0}
+
+
+def test_of_a_silent_source_it_is_not_said_that_it_repeats_itself():
+    found = {BAROMETER_SOURCE: {"offset_m": 3.0, "finding": "it repeats its last reading"}}
+    estimator = SimpleNamespace(source_estimates=lambda _: found, source_ages_s=None, sources=(SOURCE,))
+    for age_s, says in ((0.1, True), (20.0, False)):
+        tables = {"barometer": {"received": 5, "age_s": age_s}}
+        add_estimates(tables, SimpleNamespace(estimator=estimator, state=None))
+        assert tables["barometer"]["offset_m"] == 3.0 and ("finding" in tables["barometer"]) == says
 
 
 def test_a_sources_share_is_of_the_reductions_of_a_minute():

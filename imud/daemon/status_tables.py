@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .sigma_shares import SigmaShares
 
 _REST = range(REST_N, REST_Z + 1)  # these are rejected when a vehicle sets off, which says nothing of the sigmas
+SILENT_S = 3.0  # without a measurement of a source
 RATIO_SAMPLES = 32.0  # fixes over which an innovation ratio is averaged
 Table = dict[str, Any]
 
@@ -103,6 +104,8 @@ def add_estimates(tables: Mapping[str, Table], filter_: "Filter") -> None:
         if source.name not in tables:
             continue
         tables[source.name].update(found.get(source.kind, {}))
+        if tables[source.name]["age_s"] > SILENT_S:  # that nothing comes is why nothing is used
+            tables[source.name].pop("finding", None)
         if ages is not None and ages[source.kind] != 0.0:
             tables[source.name]["late_s"] = round(float(ages[source.kind]), 2)
 

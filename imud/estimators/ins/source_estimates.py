@@ -54,6 +54,8 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
     if heading["deviation_variance"] > 0.0:
         deviation_deg = math.degrees(math.sqrt(heading["deviation_variance"]))
         found.setdefault(HEADING_SOURCE, {})["deviation_deg"] = deviation_deg
+    if heading["last_ns"] > heading["last_used_ns"]:
+        found.setdefault(HEADING_SOURCE, {})["finding"] = _UNUSED[CONTRADICTED]
     for kind, (record, key, wrong, text) in _FINDINGS.items():
         if c[record][key] == wrong:
             found.setdefault(kind, {})["finding"] = text

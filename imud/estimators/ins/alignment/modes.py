@@ -30,6 +30,7 @@ from ..fusion import propagate_errors
 from ..glr_tests.compass_offset import close_compass_offset
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.velocity_drift import reset_confirmations
+from ..heading_boresight import share_boresight
 from ..lever_arm import (
     antenna_position,
     antenna_velocity,
@@ -131,13 +132,16 @@ def set_heading_covariance(p: Parameters, c: Core) -> None:
     """P of the heading from alignment.heading_sigma.
 
     An error of the vertical gyro bias has turned the heading by minus heading_bias_gain times itself: the two are
-    correlated.
+    correlated. One that a compass gave before the first fix has the error of its boresight.
     """
+    of_compass = c.alignment.mode == COARSE_ALIGNMENT and c.cov.boresight[ATTITUDE + 2, 0] != 0.0
     propagate_errors(p, c)
     bias_part = c.alignment.heading_bias_gain**2 * innovation_variance(c, vertical_bias_jacobian(c))
     decorrelate(c, ATTITUDE + 2, max(c.alignment.heading_sigma**2 - bias_part, p.tuning.min_heading_sigma**2))
     for k in range(vertical_bias_jacobian(c)):
         combine(c, ATTITUDE + 2, c.scratch.columns[k], -c.alignment.heading_bias_gain * c.scratch.values[k])
+    if of_compass:
+        share_boresight(c)
     c.alignment.heading_bias_gain = 0.0
 
 

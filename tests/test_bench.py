@@ -7,10 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from imud.batch import play
 from imud.commands import bench
-from imud.commands.bench import table
+from imud.commands.bench import signals, table
+from imud.configuration.settings import Initial, Settings
+from imud.estimators import registry
+from imud.estimators.records import MAGNETOMETER_SOURCE
+from imud.pipeline import Filter
 
 SOURCES = Path(table.__file__).parent
 
@@ -60,3 +66,25 @@ def test_what_is_started_keeps_its_bytecode(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(bench, "_parts", lambda quick: [("start", start)])
     bench.run(argparse.Namespace(quick=True, json=False))
     assert list((tmp_path / "__pycache__").glob("module.*.pyc"))
+
+
+def test_every_measurement_of_an_aiding_source_is_fused_once_under_way():
+    """One that the filter leaves out would cost nothing: a barometer that never changes did."""
+    seconds, under_way_ns = 40, 20_000_000_000
+    known = [s for s in registry.by_name("navigation").sources if s.kind != MAGNETOMETER_SOURCE]  # as the bench
+    assert len(known) == 6
+    for source in known:
+        filter_, found = Filter(registry.by_name("navigation"), Settings(), Initial(), float(signals.RATE_HZ)), []
+        rows = signals.measurements(seconds, source.kind)
+        play(
+            filter_,
+            signals.samples(seconds * signals.RATE_HZ),
+            signals.fixes(seconds),
+            lambda rows: None,
+            on_innovations=found.append,
+            aiding=rows,
+        )
+        innovations = np.concatenate(found)
+        late = innovations["t_ns"] > under_way_ns
+        fused = innovations["used"][late & np.isin(innovations["kind"], list(source.innovations))].sum()
+        assert fused >= 0.95 * np.sum(rows["t_ns"] > under_way_ns), source.name

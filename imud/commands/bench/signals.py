@@ -96,11 +96,12 @@ def measurements(seconds: float, kind: int) -> Records:
     """Measurements (MEASUREMENT) of the same journey by a source beside GNSS, 10 a second, known at once."""
     t = np.arange(0.5, seconds, 1.0 / AIDING_HZ)
     path, height, nothing = _path(t), np.full(len(t), _HEIGHT_M), np.zeros(len(t))
-    speed = path.speed + 0.01 * np.random.default_rng(3).standard_normal(len(t))  # what never changes is left out
+    noise = 0.01 * np.random.default_rng(3).standard_normal(len(t))  # what never changes is left out
+    speed = path.speed + noise
     values = {
         HEADING_SOURCE: (path.course,),
         ODOMETER_SOURCE: (speed,),
-        BAROMETER_SOURCE: (height,),
+        BAROMETER_SOURCE: (height + noise,),
         POSE_SOURCE: (path.lat, path.lon, height, path.course),
         VELOCITY_SOURCE: (speed * np.cos(path.course), speed * np.sin(path.course), nothing),
         BODY_VELOCITY_SOURCE: (speed, nothing, nothing),

@@ -18,6 +18,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
@@ -35,6 +37,7 @@ from .external_aid import is_new, others_of_error, time_since_last
 from .heading import agreeing_since, yaw_jacobian
 
 if TYPE_CHECKING:
+    from ....math.arrays import Reals
     from ....math.rotation import Vector
     from ...types import Innovation, Measurement
     from ..types import Core, Parameters
@@ -76,18 +79,22 @@ def element_sigma(p: Parameters, m: Measurement, i: int) -> float:
 
 
 @kernel
-def pose_difference(p: Parameters, c: Core, m: Measurement, arm: Vector, i: int) -> float:
-    """Pose minus prediction: north, east, down, m, or yaw, rad; NaN where it is not known. arm: lever arm, NED."""
+def pose_differences(p: Parameters, c: Core, m: Measurement, arm: Vector, differences: Reals) -> None:
+    """differences <- pose minus prediction: north, east, down, m, and yaw, rad; NaN where it is not known.
+
+    arm: lever arm, NED.
+    """
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
-    if i == 3:
-        x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
-        if not math.isfinite(m.value[YAW_VALUE]) or x * x + y * y < p.tuning.heading_min_level**2:
-            return math.nan
-        rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
-        return wrap_angle(m.value[YAW_VALUE] - elementary.atan2(y, x) - rate * ahead_s)
     north, east = ned_difference(c, c.nav.lat, c.nav.lon, m.value[LAT_VALUE], m.value[LON_VALUE])
-    away = north if i == 0 else east if i == 1 else c.nav.height - m.value[HEIGHT_VALUE]
-    return float(away - arm[i] - c.nav.v_n[i] * ahead_s)
+    differences[0], differences[1], differences[2] = north, east, c.nav.height - m.value[HEIGHT_VALUE]
+    for i in range(3):
+        differences[i] -= arm[i]
+        differences[i] -= c.nav.v_n[i] * ahead_s
+    differences[3] = math.nan
+    x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
+    if math.isfinite(m.value[YAW_VALUE]) and x * x + y * y >= p.tuning.heading_min_level**2:
+        rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
+        differences[3] = wrap_angle(m.value[YAW_VALUE] - elementary.atan2(y, x) - rate * ahead_s)
 
 
 @kernel
@@ -145,9 +152,11 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
         return write_innovation(innovations, 0, m.t_ns, POSE_N, math.nan, math.nan, False)
     l = p.pose_lever_arm  # noqa: E741 as in the literature
     arm = body_to_ned(c, (l[0], l[1], l[2]))
+    differences = np.empty(4)
+    pose_differences(p, c, m, arm, differences)
     used = not g.distrusted
     for i in range(4):
-        z = pose_difference(p, c, m, arm, i)
+        z = differences[i]
         timing, offset = lasting_variances(p, c, i)
         r = element_sigma(p, m, i) ** 2 + timing + offset
         s = innovation_variance(c, pose_jacobian(c, arm, i)) + r
@@ -164,7 +173,7 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
     )
     n = 0
     for i in range(4):
-        z, r = pose_difference(p, c, m, arm, i), element_sigma(p, m, i) ** 2
+        z, r = differences[i], element_sigma(p, m, i) ** 2
         if not math.isfinite(z):
             continue
         length, gate = pose_jacobian(c, arm, i), NO_GATE if used else REJECT

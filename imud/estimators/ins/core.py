@@ -257,6 +257,7 @@ STORED_MEASUREMENT = np.dtype(
         ("fix", FIX),  # if it is a GNSS fix
         ("measurement", MEASUREMENT),  # if it is from another source
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
+        ("first_accel_fit", "<f8", (9,)),  # of a fix: the last three of SCRATCH when it was fused first
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
         ("last_time_offset", "<f8"),

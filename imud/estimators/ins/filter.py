@@ -22,6 +22,7 @@ from .fusion_horizon import (
     fit_acceleration,
     fusion_time,
     insert_measurement,
+    keep_acceleration,
     propagate_to_epoch,
     replay_to_newest,
     rewind_to,
@@ -179,9 +180,9 @@ def fuse_from(p: Parameters, s: State, new: int, snapshots: int, innovations: li
         propagate_to_epoch(p, s, e.t_ns, s.interpolated_w, s.interpolated_f)
         propagate_errors(p, c)
         if k == new:
-            rows = fuse_stored(p, s, e, snapshots, innovations)
+            rows = fuse_stored(p, s, e, snapshots, True, innovations)
         else:
-            fuse_stored(p, s, e, snapshots, innovations[len(innovations) :])
+            fuse_stored(p, s, e, snapshots, False, innovations[len(innovations) :])
         c.nav.fused_count += 1
         if e.kind == GNSS_FIX:
             store_snapshot(s)
@@ -193,8 +194,14 @@ def fuse_from(p: Parameters, s: State, new: int, snapshots: int, innovations: li
 
 
 @kernel
-def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, innovations: list[Innovation]) -> int:
-    """Fuse a stored measurement at the core's time; returns the rows of innovations written."""
+def fuse_stored(
+    p: Parameters, s: State, e: StoredMeasurement, snapshots: int, first: bool, innovations: list[Innovation]
+) -> int:
+    """Fuse a stored measurement at the core's time, for the `first` time or again; returns the rows of innovations.
+
+    Again, the velocities after a fix have its noise: an acceleration by them would give a time offset that is wrong and
+    certain, so that of the first time is kept.
+    """
     c = s.core[0]
     if e.kind != GNSS_FIX:
         c.scratch.age_variance = e.age_variance
@@ -202,7 +209,9 @@ def fuse_stored(p: Parameters, s: State, e: StoredMeasurement, snapshots: int, i
     store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
-    fit_acceleration(p, s, snapshots, age)
+    if first:
+        fit_acceleration(p, s, snapshots, age)
+    keep_acceleration(c, e, first)
     rows = fuse_gnss(p, c, s.bank[0], e.fix, age, innovations)
     s.last_epoch_ns = e.fix.t_ns
     s.last_time_offset = c.nav.time_offset

@@ -269,6 +269,20 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
 
 
 @kernel
+def keep_acceleration(c: Core, e: StoredMeasurement, first: bool) -> None:
+    """Store what `fit_acceleration` has found of a fix when it is fused first; else restore it."""
+    for i in range(3):
+        if first:
+            e.first_accel_fit[i] = c.scratch.accel_fit[i]
+            e.first_accel_fit[3 + i] = c.scratch.lag_change[i]
+            e.first_accel_fit[6 + i] = c.scratch.accel_fit_error[i]
+        else:
+            c.scratch.accel_fit[i] = e.first_accel_fit[i]
+            c.scratch.lag_change[i] = e.first_accel_fit[3 + i]
+            c.scratch.accel_fit_error[i] = e.first_accel_fit[6 + i]
+
+
+@kernel
 def propagate_to_epoch(p: Parameters, s: State, t_ns: int, w: Reals, f: Reals) -> None:
     """Propagate the core to t_ns exactly, not after the newest sample; (w, f): scratch for the interpolated sample."""
     c = s.core[0]

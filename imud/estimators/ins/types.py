@@ -635,6 +635,7 @@ class StoredMeasurement:
     fix: Fix
     measurement: Measurement
     age_variance: float
+    first_accel_fit: Reals
     bank: int
     last_epoch_ns: int
     last_time_offset: float

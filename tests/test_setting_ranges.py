@@ -248,9 +248,9 @@ def test_any_override_gives_settings_or_a_configuration_error(key, value):
         "a." * 50_000 + "b = 1",
         "\n".join(f"k{i} = 1" for i in range(20_000)),
         "imu = " + "'" * 3 + "x" * 100_000,
-        "\ufeff",
+        "\ufeff\ufeffx = 1",
     ],
-    ids=["arrays", "tables", "digits", "dotted", "dotted key", "keys", "string", "bom"],
+    ids=["arrays", "tables", "digits", "dotted", "dotted key", "keys", "string", "marks"],
 )
 def test_a_hostile_file_is_a_configuration_error(text, tmp_path):
     file = tmp_path / "hostile.toml"

@@ -154,8 +154,17 @@ def compass_too_late():
 def compass_behind_many_fixes():
     """A measurement comes when the alignment's sums of its time are kept no longer."""
     d = road(40.0)
-    rows = headings(d, seed=54, every_s=1.0, late_s=0.8)
+    rows = headings(d, seed=56, every_s=1.0, late_s=0.8)
     return replace(navigated(*data(d, seed=49, every=0.02)), measurements=rows)
+
+
+@golden("navigation")
+def compass_before_the_first_fix():
+    """The receiver finds its first fix ten seconds after the first heading."""
+    d = road(40.0)
+    samples, fixes = data(d, seed=49)
+    fixes = fixes[fixes["t_ns"] > fixes["t_ns"][0] + 10_000_000_000]
+    return replace(navigated(samples, fixes), measurements=headings(d, seed=54))
 
 
 def readings(d, seed, every_s=0.1, late_s=0.05, spread_s=0.0, arm=(0.0, 0.0, 0.0)):

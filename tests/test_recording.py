@@ -374,7 +374,7 @@ def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
 
 def test_record_has_the_measurements_of_other_programs_too(tmp_path):
     path = tmp_path / "raw.mcap"
-    done = command("record", "sim:rest", "sim:rest:velocity", "-o", path, "--seconds", "4")
+    done = command("record", "sim:rest", "sim:rest:velocity", "-o", path, "--seconds", "10")
     assert done.returncode == 0, done.stderr
     said = [json.loads(entry.data) for entry in Capture(path) if entry.topic == "/aiding"]
     assert len(said) > 10 and {message["source"] for message in said} == {"velocity"}

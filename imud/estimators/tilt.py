@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 BANDWIDTH_HZ = 1.0
 TIME_CONSTANT_S = 1.0 / (2.0 * math.pi * BANDWIDTH_HZ)
 SLOW_RATIO = 3.0  # times as slow: the second average, behind which the first one runs by twice its own lag
-STEP_RESPONSE = 3.0**-0.5 - 3.0**-1.5  # largest difference of the two averages after a step of the force by 1
+# largest difference of the two averages after a step of the force by 1
+STEP_RESPONSE = SLOW_RATIO ** (-1.0 / (SLOW_RATIO - 1.0)) - SLOW_RATIO ** (-SLOW_RATIO / (SLOW_RATIO - 1.0))
 MOTION_S = 10.0  # for which an acceleration may last; choice: a vehicle that brakes, or a bend
 VIBRATION_RATIO = 2.0  # of the sensor's variance: more is vibration; choice, for profiles' noise that is typical
 VIBRATION_S = 1.0  # over which that variance is averaged

@@ -188,11 +188,8 @@ def tilt_error_of_others(s: State) -> float:
     stated = variance(s, ATTITUDE) + variance(s, ATTITUDE + 1)
     north = east = total = unstated = 0.0
     if b.leading == 1:
-        stated, north, east = (
-            b.covariance[TILT, TILT] + b.covariance[TILT + 1, TILT + 1],
-            b.mean[TILT],
-            b.mean[TILT + 1],
-        )
+        stated = b.covariance[TILT, TILT] + b.covariance[TILT + 1, TILT + 1]
+        north, east = b.mean[TILT], b.mean[TILT + 1]
     for h in range(HYPOTHESES):
         likelihood = elementary.exp(b.log_likelihood[h])
         total += likelihood

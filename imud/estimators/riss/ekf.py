@@ -180,14 +180,35 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
     x[SPEED] += speed_change
     x[ACCEL] *= decay
     x[YAW] = wrap_angle(x[YAW] + T * s.yaw_rate)
+    add_process_noise(p, s, (cy, sy), c, cos_pitch, outage_s, T)
+    limit_sigmas(s)
+
+
+@kernel
+def add_process_noise(
+    p: RissParameters,
+    s: RissState,
+    course: tuple[float, float],
+    yaw_gain: float,
+    cos_pitch: float,
+    outage_s: float,
+    T: float,
+) -> None:
+    """Add the process noise of T s to P, and let the bias of the fixes decay.
+
+    course: cosine and sine of the yaw; yaw_gain: yaw rate by rate of the z gyro; outage_s: as in `propagate`.
+    """
+    x, P, tuning = s.x, s.P, p.tuning
+    cy, sy = course
     walk = tuning.tilt_walk**2 * T
+    decay = elementary.exp(-T / tuning.accel_time_s)
     add_variance(s, ACCEL, (1.0 - decay * decay) * tuning.accel_sigma**2)
     add_variance(s, ROLL, walk)
     add_variance(s, PITCH, walk)
     # a pitch rate, which is not measured, turns a rolled vehicle about the vertical
-    add_variance(s, YAW, c * c * p.gyro_psd * T + elementary.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
+    add_variance(s, YAW, yaw_gain * yaw_gain * p.gyro_psd * T + elementary.sin(roll_of(s)) ** 2 / cos_pitch**2 * walk)
     if outage_s > 0.0:
-        add_variance(s, YAW, p.tuning.fault_rate**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
+        add_variance(s, YAW, tuning.fault_rate**2 * (outage_s**2 - max(outage_s - T, 0.0) ** 2))
     add_variance(s, SINK, tuning.sink_walk**2 * T)
     add_variance(s, ACCEL_BIAS_X, p.accel_bias_psd * T)
     add_variance(s, ACCEL_BIAS_Y, p.accel_bias_psd * T)
@@ -206,7 +227,6 @@ def propagate(p: RissParameters, s: RissState, rate: float, outage_s: float, T: 
         scale(P, STATES, FIX_NORTH + i, kept)
         x[FIX_NORTH + i] *= kept
         add_variance(s, FIX_NORTH + i, (1.0 - kept * kept) * s.fix_var[i])
-    limit_sigmas(s)
 
 
 @kernel

@@ -22,6 +22,7 @@ from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, variance
 from ..fusion import correct_state, correlated_update, write_innovation
 from ..state import BARO_OFFSET, NEVER_NS, OTHER_AXIS, POSITION, VELOCITY, VERTICAL
+from .external_aid import others_of_error
 
 if TYPE_CHECKING:
     from ...types import Fix, Innovation, Measurement
@@ -196,7 +197,7 @@ def fuse_barometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inn
     sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.baro_sigma
     climb = -c.nav.v_n[2] * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     z = m.value[0] - c.nav.height - c.nav.baro_offset - climb
-    others = max(2.0 * p.tuning.baro_correlation_s / dt, 1.0) - 1.0  # readings that share one error with this one
+    others = others_of_error(dt, p.tuning.baro_correlation_s)
     z, s, nis = correlated_update(c, length, z, sigma * sigma, others * sigma * sigma, p.tuning.baro_gate, OTHER_AXIS)
     used = nis >= 0.0
     if used:

@@ -1,4 +1,4 @@
-"""What external poses and velocities have in common: repetition, and how many share an error."""
+"""What aiding sources have in common: repetition, and how many share an error."""
 
 from __future__ import annotations
 

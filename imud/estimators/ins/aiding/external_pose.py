@@ -167,10 +167,8 @@ def fuse_pose(p: Parameters, c: Core, m: Measurement, innovations: list[Innovati
                 check_yaw_trust(p, c, m.t_ns, not z * z > p.tuning.pose_gate * s)
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.pose_correlation_s)
-    others_of_age, others_of_offset = (
-        others_of_error(dt, p.tuning.pose_age_s),
-        others_of_error(dt, p.tuning.pose_offset_s),
-    )
+    others_of_age = others_of_error(dt, p.tuning.pose_age_s)
+    others_of_offset = others_of_error(dt, p.tuning.pose_offset_s)
     n = 0
     for i in range(4):
         z, r = differences[i], element_sigma(p, m, i) ** 2

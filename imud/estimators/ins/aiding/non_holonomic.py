@@ -203,10 +203,8 @@ def nhc_jacobian(c: Core, q: Quaternion, e: Vector, along: float, mount: int) ->
 @kernel
 def leans(p: Parameters, c: Core, q: Quaternion) -> bool:
     """Whether the vehicle leans sideways further than one on wheels, as an aircraft in a turn."""
-    lean, sigma = (
-        dot(lateral_axis(c), quat_rotate_back(q, (0.0, 0.0, 1.0))),
-        math.sqrt(max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))),
-    )
+    lean = dot(lateral_axis(c), quat_rotate_back(q, (0.0, 0.0, 1.0)))
+    sigma = math.sqrt(max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)))
     return bool(abs(lean) > p.tuning.max_lean + p.tuning.limit_sigmas * sigma)
 
 

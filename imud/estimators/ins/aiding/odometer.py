@@ -34,11 +34,13 @@ from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, OTHER_AXIS, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
+from .external_aid import others_of_error
 from .odometer_faults import check_step, count_use, inflate_velocity, is_frozen, step_gate, store_residual
 from .records import CONTRADICTED, NO_DIRECTION
 from .two_wheels import fuse_yaw_rate
 
 if TYPE_CHECKING:
+    from ....math.arrays import Reals
     from ...types import Innovation, Measurement
     from ..types import Core, Parameters
 
@@ -127,6 +129,16 @@ def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> in
 
 
 @kernel
+def wheel_velocity(v_b: Vector, w: Vector, arm: Reals) -> Vector:
+    """Velocity of the wheel in the body, m/s, at `arm` (m) from the sensor, which turns at w (rad/s)."""
+    return (
+        v_b[0] + w[1] * arm[2] - w[2] * arm[1],
+        v_b[1] + w[2] * arm[0] - w[0] * arm[2],
+        v_b[2] + w[0] * arm[1] - w[1] * arm[0],
+    )
+
+
+@kernel
 def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: float, timing: float) -> float:
     """Variance of a single reading, (m/s)^2. slip_sigma: of slip, m/s; timing: by its unknown age, (m/s)^2."""
     r = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.odometer_sigma
@@ -155,14 +167,10 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     """Gate and fuse a reading; returns the rows of innovations."""
     dt = time_since_reading(p, c, m)
     add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
-    forward, arm = forward_axis(c), p.odometer_lever_arm
+    forward = forward_axis(c)
     v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
-    wheel = (
-        v_b[0] + w[1] * arm[2] - w[2] * arm[1],
-        v_b[1] + w[2] * arm[0] - w[0] * arm[2],
-        v_b[2] + w[0] * arm[1] - w[1] * arm[0],
-    )
+    wheel = wheel_velocity(v_b, w, p.odometer_lever_arm)
     a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
     accel, along = dot(forward, a), dot(forward, wheel)
     length = odometer_jacobian(c, forward, wheel, along)
@@ -179,13 +187,13 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     timing = accel * accel * (p.tuning.odometer_time_sigma**2 + c.scratch.age_variance)
     r = single_variance(p, m, reading, slip_sigma, timing) + current * current
     correlated = slip_sigma * slip_sigma + timing
-    others = max(2.0 * p.tuning.odometer_slip_time_s / dt, 1.0) - 1.0  # readings while the error of slip is the same
+    others = others_of_error(dt, p.tuning.odometer_slip_time_s)
     n = 0
     if math.isfinite(m.value[DIFFERENCE_VALUE]) and p.track_width > 0.0 and c.odometer.direction != 0.0:
         contradiction = fuse_yaw_rate(p, c, m, w, (r, slip_sigma * slip_sigma, others), dt, innovations)
         n, z = 1, least(z, z + 0.5 * contradiction, z - 0.5 * contradiction)  # of both, of the left, of the right wheel
         length = odometer_jacobian(c, forward, wheel, along)
-    shared = others * correlated + (max(2.0 * p.tuning.odometer_current_s / dt, 1.0) - 1.0) * current * current
+    shared = others * correlated + others_of_error(dt, p.tuning.odometer_current_s) * current * current
     frozen = is_frozen(p, c, m, forward, predicted, r)
     gate = REJECT
     if not frozen:

@@ -174,11 +174,8 @@ def is_frozen(p: Parameters, c: Core, m: Measurement, forward: Vector, predicted
 
     predicted: of this reading, m/s; r: its variance. Slow wheels may be reported as standing: as 0, without noise.
     """
-    g, reading, same = (
-        c.odometer,
-        m.value[SPEED_VALUE],
-        m.value[SPEED_VALUE] == c.odometer.reading and c.odometer.reading_ns != NEVER_NS,
-    )
+    g, reading = c.odometer, m.value[SPEED_VALUE]
+    same = reading == g.reading and g.reading_ns != NEVER_NS
     if g.reading_ns != NEVER_NS and not same:
         g.resolution = min(g.resolution, abs(reading - g.reading))
         if g.reading != 0.0 and not g.frozen:

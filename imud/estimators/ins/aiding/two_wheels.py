@@ -21,6 +21,7 @@ from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import correlated_update, write_innovation
 from ..state import GYRO_BIAS, MOUNT_PITCH, ODOMETER_SCALE, OTHER_AXIS
 from ..vehicle_axes import forward_axis, vertical_axis
+from .external_aid import others_of_error
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
@@ -71,7 +72,7 @@ def fuse_yaw_rate(
     z = measured - rate
     lasting = (p.tuning.track_width_error * rate) ** 2 + (p.tuning.wheel_radius_difference * speed / base) ** 2
     r = 2.0 * noise[0] / base**2 + p.gyro_psd / p.period + p.tuning.wheel_rate_sigma**2 + lasting
-    others = max(2.0 * p.tuning.wheel_difference_s / dt, 1.0) - 1.0
+    others = others_of_error(dt, p.tuning.wheel_difference_s)
     shared = others * lasting + noise[2] * 2.0 * noise[1] / base**2
     length = set_jacobian3(c, 0, GYRO_BIAS, (-u[0], -u[1], -u[2]))
     length = set_jacobian(c, length, ODOMETER_SCALE, measured / (1.0 + c.nav.odometer_scale))

@@ -86,10 +86,8 @@ def store_integrals(g: FixAge, k: int, a: Alignment, nav: Nav, imu: Imu) -> None
     """g.around[k] <- integrals, m/s, and double integrals, m, of a state, of the antenna and without corrections."""
     v, arm, q = velocity_of_point(nav, imu, nav.gnss_lever_arm), nav.gnss_lever_arm, nav.q_nb
     antenna, azimuth = quat_rotate((q[0], q[1], q[2], q[3]), (arm[0], arm[1], arm[2])), phasor(a.frame_azimuth)
-    turning, place = (
-        multiply(azimuth, (v[0] - nav.v_n[0], v[1] - nav.v_n[1])),
-        multiply(azimuth, (antenna[0], antenna[1])),
-    )
+    turning = multiply(azimuth, (v[0] - nav.v_n[0], v[1] - nav.v_n[1]))
+    place = multiply(azimuth, (antenna[0], antenna[1]))
     for i in range(4):
         for j in range(2):
             g.around[k, 0, i, j], g.around[k, 1, i, j] = a.integrals[i, j], a.double_integrals[i, j]

@@ -198,13 +198,33 @@ def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
     """b.headings[k] <- heading of the level frame (rad) and residual energy; returns residual and explained energy."""
     eliminate_nuisance(b, b.products[k])
     re, im = residual_product(b, b.products[k], INERTIAL_COLUMN, GNSS_COLUMN)
-    z2, v2 = (
-        residual_product(b, b.products[k], INERTIAL_COLUMN, INERTIAL_COLUMN)[0],
-        residual_product(b, b.products[k], GNSS_COLUMN, GNSS_COLUMN)[0],
-    )
+    z2 = residual_product(b, b.products[k], INERTIAL_COLUMN, INERTIAL_COLUMN)[0]
+    v2 = residual_product(b, b.products[k], GNSS_COLUMN, GNSS_COLUMN)[0]
     both = elementary.hypot(re, im)
     b.headings[k, 0], b.headings[k, 1] = elementary.atan2(im, re), z2 + v2 - 2.0 * both
     return z2 + v2 - 2.0 * both, min(z2, both)
+
+
+@kernel
+def average_hypotheses(b: HypothesisBank, weight: float) -> tuple[float, float, float, float, float]:
+    """Moments of the hypotheses in b.headings (heading, weight, rate); weight: the sum of their weights.
+
+    Returns mean heading, its variance, mean rate, its variance, covariance of heading and rate.
+    """
+    re, im, rate, rate2, covariance = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(HYPOTHESES):
+        psi, w = b.headings[k, 0], b.headings[k, 1]
+        re += w * elementary.cos(psi)
+        im += w * elementary.sin(psi)
+        rate += w * b.headings[k, 2]
+        rate2 += w * b.headings[k, 2] ** 2
+    rate /= weight
+    mean = elementary.atan2(im, re)
+    for k in range(HYPOTHESES):
+        covariance += b.headings[k, 1] * wrap_angle(b.headings[k, 0] - mean) * (b.headings[k, 2] - rate)
+    length = min(elementary.hypot(re, im) / weight, 1.0)
+    variance = -2.0 * elementary.log(max(length, 1e-9))  # of a wrapped normal distribution
+    return mean, variance, rate, rate2 / weight - rate * rate, covariance / weight
 
 
 @kernel
@@ -233,12 +253,10 @@ def solve_heading(
         return unknown
     r = p.tuning.correlation_factor * max(least / (2.0 * b.weight - FITTED_PARAMETERS), 1.0)
     frame = c.alignment.frame_azimuth + c.alignment.corrected_rotation
-    mean = (
-        b.energy_age / energy
-    )  # mean time of the velocity changes, s after the origin: the heading is known best then
+    mean = b.energy_age / energy  # time of the velocity changes, s after the origin: there the heading is known best
     between = p.tuning.frame_rate_step**2 / 12.0  # variance of a rate uniform between two hypotheses
     inside = bias_variance * between / (bias_variance + between)  # of the rate within one hypothesis, with its prior
-    weight, sr, si, rate, rate2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    weight = 0.0
     for k in range(HYPOTHESES):
         frame_rate_k, energy_difference = frame_rate(p, k), b.headings[k, 1] - least
         apart = frame_rate_k + c.alignment.bias_correction
@@ -252,17 +270,9 @@ def solve_heading(
         )
         b.headings[k, 0], b.headings[k, 1], b.headings[k, 2] = psi, w, unpredicted_rate
         weight += w
-        sr += w * elementary.cos(psi)
-        si += w * elementary.sin(psi)
-        rate += w * unpredicted_rate
-        rate2 += w * unpredicted_rate**2
     if not weight > 0.0:
         return unknown
-    rate /= weight
-    length = min(elementary.hypot(sr, si) / weight, 1.0)
-    spread2 = -2.0 * elementary.log(max(length, 1e-9)) + (age - mean) ** 2 * inside
-    psi, covariance = elementary.atan2(si, sr), 0.0
-    for k in range(HYPOTHESES):
-        covariance += b.headings[k, 1] * wrap_angle(b.headings[k, 0] - psi) * (b.headings[k, 2] - rate)
-    variance = max(rate2 / weight - rate * rate, 0.0) + inside
-    return psi, math.sqrt(r / power + spread2), rate, variance, covariance / weight + (age - mean) * inside
+    psi, spread2, rate, rate_variance, covariance = average_hypotheses(b, weight)
+    spread2 += (age - mean) ** 2 * inside
+    variance = max(rate_variance, 0.0) + inside
+    return psi, math.sqrt(r / power + spread2), rate, variance, covariance + (age - mean) * inside

@@ -234,6 +234,24 @@ def rounded(x):
     return round(x[0])
 
 
+@kernel
+def add(a, b):
+    return a + b
+
+
+def too_few(n):
+    return add(n)
+
+
+def two_casts(n):
+    return float(n, 2)
+
+
+def too_many_values(n):
+    a, b = n, n, n
+    return a + b
+
+
 def from_the_end(values):
     values[-1] = 0.0
 
@@ -266,6 +284,9 @@ def copying_elements(parts):
         (from_the_end, r"index from the end: values\[-1\]"),
         (several, r"variable that is both double and t2_double"),
         (copying_a_row, r"assignment of a whole array: parts\[0\]\.P\[1\]"),
+        (too_few, r"call with 1 arguments of a kernel that takes 2: add\(n\)"),
+        (two_casts, r"call with 2 arguments instead of one: float\(n, 2\)"),
+        (too_many_values, r"assignment of 3 values: \(a, b\)"),
         (copying_elements, r"assignment of a whole array: parts\[0\]\.P\[:\]"),
     ],
 )

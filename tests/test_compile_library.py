@@ -18,9 +18,11 @@ from types import SimpleNamespace
 import pytest
 from processes import OBEYING
 
-from imud.compile import build, levels, library, seal
+from imud.compile import __main__ as translation
+from imud.compile import build, levels, library, rebuild, seal
 from imud.compile.c import UnsupportedError
 from imud.drivers import registry
+from imud.errors import UsageError
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,12 +41,12 @@ def sources(tmp_path):
 @pytest.fixture
 def sealed(sources, monkeypatch):
     root, files = sources
-    digest, drivers = seal.digest, seal.drivers
-    monkeypatch.setattr(seal, "digest", lambda files: digest(files, root))
+    digests, drivers = seal.digests, seal.drivers
+    monkeypatch.setattr(seal, "digests", lambda files: digests(files, root))
     monkeypatch.setattr(seal, "drivers", lambda: drivers(root))
     path = root / "kernels.so"
     path.write_bytes(Path(sys.executable).read_bytes()[:64] + b"code\nand more")
-    seal.seal(path, files)
+    seal.seal(path, seal.digests(files))
     return path
 
 
@@ -65,8 +67,38 @@ def test_a_library_without_a_new_driver_is_not_loaded(sealed):
     driver.parent.mkdir(parents=True)
     driver.write_text("DRIVER = None\n")
     assert seal.defect(sealed) == "is of other sources"
-    seal.seal(sealed, ["imud/a.py", "imud/drivers/new/driver.py"])
+    seal.seal(sealed, seal.digests(["imud/a.py", "imud/drivers/new/driver.py"]))
     assert seal.defect(sealed) is None
+
+
+def test_a_library_whose_sources_were_edited_while_it_was_built_is_not_loaded(sealed, sources, monkeypatch):
+    root, files = sources
+    monkeypatch.setattr(translation, "all_sources", lambda: seal.all_sources(root))
+    monkeypatch.setattr(translation, "digests", seal.digests)
+    monkeypatch.setattr(translation, "loaded_sources", lambda: files[:1])
+    monkeypatch.setattr(
+        translation, "_compile_levels", lambda kernels, path, target: path.write_bytes(sealed.read_bytes()[:64])
+    )
+
+    def build_it(path, new_text):
+        def source(with_lines):
+            (root / files[0]).write_text(new_text)
+            return ""
+
+        monkeypatch.setattr(translation, "source", source)
+        monkeypatch.setattr(sys, "argv", ["imud.compile", str(path)])
+        assert translation.main() == 0
+
+    before = (root / files[0]).read_text()
+    build_it(root / "whole.so", before)
+    assert seal.defect(root / "whole.so") is None
+    build_it(root / "edited.so", "RATE = 7.3e-5\n")
+    assert seal.defect(root / "edited.so") == "is of other sources"
+    monkeypatch.setattr(build, "compiler", lambda: ["cc"])
+    monkeypatch.setattr(rebuild, "_in_a_process", lambda output: build_it(output, "RATE = 7.4e-5\n"))
+    with pytest.raises(UsageError, match="edited while their kernels were compiled: start again"):
+        rebuild.rebuild([root / "new.so"])
+    assert not (root / "new.so").exists()
 
 
 def test_the_drivers_of_a_library_are_those_of_the_registry():
@@ -85,7 +117,7 @@ def test_a_library_for_another_processor_is_not_loaded(sealed, sources, at, valu
     code = bytearray(sealed.read_bytes().rpartition(b"\n")[0])
     code[at] = value
     sealed.write_bytes(code)
-    seal.seal(sealed, sources[1])
+    seal.seal(sealed, seal.digests(sources[1]))
     assert seal.defect(sealed) == "is for another processor"
 
 
@@ -248,8 +280,6 @@ def test_pip_install_ends_with_a_kernel_that_has_no_translation(tmp_path, monkey
 
 
 def test_the_translation_ends_with_a_code_of_its_own(tmp_path, monkeypatch, capsys):
-    from imud.compile import __main__ as translation
-
     def untranslatable(with_lines):
         raise UnsupportedError("x.py:3: C has no translation")
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from . import levels
 from .build import UNTRANSLATABLE, CannotBuildError, compile_c, compile_library
 from .c import Translation, UnsupportedError
-from .seal import loaded_sources, seal
+from .seal import all_sources, digests, loaded_sources, seal
 
 _COVERAGE = ("--coverage", "-O0")  # optimised, lines would be merged; the bits are the same
 
@@ -46,6 +46,7 @@ def main() -> int:
     args = parser.parse_args()
     library = args.library.resolve()
     try:
+        before = digests(all_sources())  # of what is loaded next: an edit from now on makes other sources of them
         kernels = source(with_lines=args.c is not None or args.coverage)
         if args.c is not None:
             args.c.write_text(kernels)
@@ -55,7 +56,7 @@ def main() -> int:
             compile_c(text, library, _COVERAGE, args.target)
         else:
             _compile_levels(kernels, library, args.target)
-        seal(library, loaded_sources())
+        seal(library, {name: before.get(name, "") for name in loaded_sources()})
     except UnsupportedError as error:
         print(error, file=sys.stderr)
         return UNTRANSLATABLE

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..errors import UsageError
 from . import build
-from .seal import ROOT, defect
+from .seal import OTHER_SOURCES, ROOT, defect
 
 LOCK_S = 60.0  # after which the next folder is tried; a build takes some 15 s
 
@@ -22,7 +22,7 @@ LOCK_S = 60.0  # after which the next folder is tried; a build takes some 15 s
 def rebuild(candidates: Sequence[Path]) -> Path:
     """Build the library at the first of these candidates that can be written.
 
-    Raises UsageError if a kernel has no translation, CannotBuildError, OSError.
+    Raises UsageError if a kernel has no translation, or the sources were edited meanwhile; CannotBuildError, OSError.
     """
     build.compiler()
     with _locked(candidates) as path:
@@ -33,6 +33,8 @@ def rebuild(candidates: Sequence[Path]) -> Path:
             with tempfile.TemporaryDirectory(prefix=f"{path.stem}-", dir=path.parent) as folder:
                 made = Path(folder, path.name)
                 _in_a_process(made)
+                if defect(made) == OTHER_SOURCES:
+                    raise UsageError("the sources were edited while their kernels were compiled: start again")
                 made.replace(path)  # whole or not at all
         return path
 

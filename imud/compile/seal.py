@@ -4,18 +4,35 @@ import functools
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from .hashing import digest_of
 
 ROOT = Path(__file__).resolve().parents[2]
+OTHER_SOURCES = "is of other sources"
 PACKAGE = "imud"  # our sources: `imud/drivers` is a link in a checkout, a folder where it is installed
 
 
-def digest(files: Sequence[str], root: Path = ROOT) -> str:
-    """Digest of these files of the sources, names and contents. Raises OSError if one is not there."""
-    return digest_of(*(f"{name}\0{digest_of((root / name).read_bytes())}\n".encode() for name in files))
+def digests(files: Iterable[str], root: Path = ROOT) -> dict[str, str]:
+    """Digest of each of these files of the sources, by its name. Raises OSError if one is not there."""
+    return {name: digest_of((root / name).read_bytes()) for name in files}
+
+
+def all_sources(root: Path = ROOT) -> list[str]:
+    """The files of the sources that there are."""
+    folders = os.walk(root / PACKAGE, followlinks=True)
+    return [
+        os.path.relpath(f"{folder}/{file}", root)
+        for folder, _, files in folders
+        for file in files
+        if file.endswith(".py")
+    ]
+
+
+def _together(sources: Mapping[str, str]) -> str:
+    """One digest of names and contents."""
+    return digest_of(*(f"{name}\0{digest}\n".encode() for name, digest in sources.items()))
 
 
 def drivers(root: Path = ROOT) -> set[str]:
@@ -47,8 +64,8 @@ def defect(library: Path) -> str | None:
             return "is damaged"
         if processor(code) != processor(_this_program()):
             return "is for another processor"
-        is_of_these = seal["sources"] == digest(seal["files"]) and drivers() <= set(seal["files"])
-        return None if is_of_these else "is of other sources"
+        is_of_these = seal["sources"] == _together(digests(seal["files"])) and drivers() <= set(seal["files"])
+        return None if is_of_these else OTHER_SOURCES
     except FileNotFoundError:
         return "does not exist, or is of sources that do not"
     except OSError as error:
@@ -64,9 +81,9 @@ def loaded_sources() -> list[str]:
     return sorted({Path(f).relative_to(ROOT).as_posix() for f in files if f and f.startswith(folder)})
 
 
-def seal(library: Path, files: Sequence[str]) -> None:
-    """Append the line with the digests of a library's sources and code."""
+def seal(library: Path, sources: Mapping[str, str]) -> None:
+    """Append the line with the digests of a library's sources and code. sources: `digests` of those it was made of."""
     code = library.read_bytes()
-    line = {"code": digest_of(code), "sources": digest(files), "files": list(files)}
+    line = {"code": digest_of(code), "sources": _together(sources), "files": list(sources)}
     with library.open("ab") as file:
         file.write(b"\n" + json.dumps(line).encode())

@@ -1,7 +1,6 @@
 """Calls in a kernel as C: of other kernels, of numbers' types, of the mathematical library, of `compile.system`."""
 
 import ast
-from collections.abc import Callable
 from typing import Any, NoReturn, Protocol
 
 from .kinds import BOOL, FLOAT, INT, VOID, Array, Kind, Scalar, Tuple, Value, unify, working
@@ -9,6 +8,7 @@ from .unit import Unit
 
 _CASTS = {"float": FLOAT, "int": INT, "bool": BOOL, "np.int64": INT, "np.uint64": INT}
 _ROUNDED = {"math.floor": "floor", "math.ceil": "ceil"}  # to an int, as Python has it
+_UNARY = ("len", "abs")
 _TESTS = ("isfinite", "isnan", "isinf")
 _LIBRARY = ("sqrt", "fabs", "floor", "ceil", "rint", "copysign", "fmod")  # the same bits in every C library
 _INSTEAD = {  # of what numba has and C not
@@ -40,6 +40,8 @@ def call(of: Operands, node: ast.Call) -> Value:
     if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
         of.fail(node, "call with keywords or *")
     name, callee = ast.unparse(node.func), of.constant(node.func)
+    if len(node.args) != 1 and (name in _CASTS or name in _ROUNDED or name in _UNARY):
+        of.fail(node, f"call with {len(node.args)} arguments instead of one")
     if name in _CASTS:
         return f"(({_CASTS[name].c})({of.text(node.args[0])}))", _CASTS[name]
     if name in _ROUNDED:
@@ -57,7 +59,10 @@ def call(of: Operands, node: ast.Call) -> Value:
     return _kernel(of, node, callee)
 
 
-def _kernel(of: Operands, node: ast.Call, callee: Callable[..., object]) -> Value:
+def _kernel(of: Operands, node: ast.Call, callee: Any) -> Value:
+    takes = callee.py_func.__code__.co_argcount
+    if len(node.args) != takes:
+        of.fail(node, f"call with {len(node.args)} arguments of a kernel that takes {takes}")
     values = [of.value(a) for a in node.args]
     function = of.unit.function(callee, [kind for _, kind in values])
     texts = []

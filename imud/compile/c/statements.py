@@ -157,6 +157,8 @@ class Body:
         if isinstance(value, ast.Tuple) and all(isinstance(t, ast.Tuple) for t in targets):
             for target in targets:
                 assert isinstance(target, ast.Tuple)
+                if len(target.elts) != len(value.elts):
+                    self._of.fail(target, f"assignment of {len(value.elts)} values")
                 self._assign_tuple(target.elts, value.elts, depth)
             return
         if isinstance(value, ast.Call) and ast.unparse(value.func) in ("np.empty", "np.zeros"):

@@ -82,11 +82,11 @@ def test_a_port_without_permission_names_the_remedy(tmp_path):
 import sys
 from pathlib import Path
 from imud.commands.doctor import examine
-print(next(finding.mend for finding in examine(Path(sys.argv[1])) if finding.grade == "problem"))
+print(next(finding.remedy for finding in examine(Path(sys.argv[1])) if finding.grade == "problem"))
 """
     command = [*OBEYING, sys.executable, "-c", code, str(tmp_path)]
-    mend = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "usermod" in mend or "chmod" in mend
+    remedy = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "usermod" in remedy or "chmod" in remedy
 
 
 def test_two_names_of_one_device_are_one_port(tmp_path):

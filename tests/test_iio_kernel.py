@@ -223,5 +223,5 @@ def test_the_doctor_looks_at_iio_devices(tmp_path, kernel):
     (devices / "trigger0").rmdir()
     (devices / "iio:device0/buffer/enable").write_text("1")
     (tmp_path / "dev/iio:device0").unlink()
-    found = [f"{one.grade}: {one.what}; {one.mend}" for one in examine(tmp_path) if "IIO" in one.what]
+    found = [f"{one.grade}: {one.what}; {one.remedy}" for one in examine(tmp_path) if "IIO" in one.what]
     assert len(found) == 3 and "udev" in found[0] and "is streaming" in found[1] and "hrtimer" in found[2]

@@ -372,6 +372,12 @@ def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
     assert said == [("info", str(len(data)), str(port)), ("warning", "0", str(absent))]
 
 
+def test_record_of_nothing_is_no_success(tmp_path):
+    done = command("record", tmp_path / "absent", "-o", tmp_path / "raw.mcap", "--seconds", "0.5")
+    assert done.returncode == 69, done.stderr
+    assert done.stderr.splitlines()[-1] == "imud: nothing was recorded: no port has sent a byte"
+
+
 def test_record_has_the_measurements_of_other_programs_too(tmp_path):
     path = tmp_path / "raw.mcap"
     done = command("record", "sim:rest", "sim:rest:velocity", "-o", path, "--seconds", "10")

@@ -1,4 +1,4 @@
-"""`imud doctor`: why imud would not work on this machine, and how to mend it. It opens no port and changes nothing.
+"""`imud doctor`: why imud would not work on this machine, and what to do. It opens no port and changes nothing.
 
 Each check is a function of the file system's root, so that tests can imitate any machine in a folder.
 """
@@ -39,11 +39,11 @@ _UARTS = re.compile(r"console=(serial0|ttyAMA\d+|ttyS\d+|ttyUSB\d+)")
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one check. A note may matter, a problem does. `mend` says what to do."""
+    """The result of one check. A note may matter, a problem does. `remedy` says what to do."""
 
     grade: Literal["ok", "note", "problem"]
     what: str
-    mend: str = ""
+    remedy: str = ""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,8 +86,8 @@ def _may_open(root: Path, port: str) -> Finding:
         return Finding("ok", f"{port} may be opened")
     group = _group_of(path)
     user = pwd.getpwuid(os.geteuid()).pw_name
-    mend = f"sudo usermod -aG {group} {user}, then log in again" if group else f"sudo chmod a+rw {port}"
-    return Finding("problem", f"{port} may not be opened by {user}", mend)
+    remedy = f"sudo usermod -aG {group} {user}, then log in again" if group else f"sudo chmod a+rw {port}"
+    return Finding("problem", f"{port} may not be opened by {user}", remedy)
 
 
 def _group_of(path: Path) -> str:
@@ -101,10 +101,10 @@ def console(root: Path) -> Iterator[Finding]:
     """Does the kernel's console, or a login prompt, use a UART? A problem only where a sensor is to be on it."""
     ports = _service_ports(root)
 
-    def finding(uart: str, what: str, mend: str) -> Finding:
+    def finding(uart: str, what: str, remedy: str) -> Finding:
         if os.path.realpath(root / "dev" / uart) in ports:
-            return Finding("problem", f"{what} and a service of imud wants that port", mend)
-        return Finding("note", what, f"if a sensor is to be on {uart}: {mend}")
+            return Finding("problem", f"{what} and a service of imud wants that port", remedy)
+        return Finding("note", what, f"if a sensor is to be on {uart}: {remedy}")
 
     for uart in _UARTS.findall(_text(root / "proc/cmdline")):
         remove = (
@@ -129,7 +129,7 @@ def _service_ports(root: Path) -> set[str]:
 def competing_programs(root: Path) -> Iterator[Finding]:
     """Programs that open serial ports without being asked to."""
     running = _processes(root, {"ModemManager", "gpsd", "brltty", "iio-sensor-prox", "iiod"})
-    mends = {
+    remedies = {
         "ModemManager": "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1",
         "gpsd": 'give imud another address (--listen 127.0.0.1:2948) and keep gpsd off imud\'s ports (USBAUTO="false")',
         "iio-sensor-prox": "sudo systemctl disable --now iio-sensor-proxy, if imud is to have the kernel's IMU",
@@ -137,7 +137,7 @@ def competing_programs(root: Path) -> Iterator[Finding]:
         "brltty": "sudo apt remove brltty (it takes USB adapters for Braille displays)",
     }
     for name, pid in running.items():
-        yield Finding("note", f"{name} is running (pid {pid}) and may open imud's ports", mends[name])
+        yield Finding("note", f"{name} is running (pid {pid}) and may open imud's ports", remedies[name])
 
 
 def latency(root: Path) -> Iterator[Finding]:
@@ -207,13 +207,13 @@ def iio_polled(root: Path) -> Iterator[Finding]:
 def kernels(root: Path) -> Iterator[Finding]:
     """Are they compiled, and if not, can they be?"""
     are_compiled, text = library.outlook()
-    mend = "unset IMUD_JIT" if library.numba_is_wanted() else "sudo apt install gcc; or pip install ziglang"
+    remedy = "unset IMUD_JIT" if library.numba_is_wanted() else "sudo apt install gcc; or pip install ziglang"
     if are_compiled:
         yield Finding("ok", text)
     elif importlib.util.find_spec("numba"):
-        yield Finding("note", text, mend)
+        yield Finding("note", text, remedy)
     else:
-        yield Finding("problem", f"{text}; but there is no numba: nothing can run", mend)
+        yield Finding("problem", f"{text}; but there is no numba: nothing can run", remedy)
 
 
 CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (
@@ -239,5 +239,5 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps(asdict(finding)))
         else:
-            print(f"{_MARKS[finding.grade]}  {finding.what}" + (f"\n      {finding.mend}" if finding.mend else ""))
+            print(f"{_MARKS[finding.grade]}  {finding.what}" + (f"\n      {finding.remedy}" if finding.remedy else ""))
     return int(any(finding.grade == "problem" for finding in findings))

@@ -17,7 +17,7 @@ from ..configuration.settings import Settings
 from ..daemon import simulated
 from ..daemon.aiding_input import AidingInput
 from ..daemon.ports import Configured, Port
-from ..errors import ImudError
+from ..errors import DeviceAbsentError, ImudError
 from ..estimators import registry
 from ..estimators.records import INNOVATION
 from ..process import log
@@ -51,6 +51,7 @@ class RecordLoop:
         self._by_fd: dict[int, Port] = {}
         self._byte_sinks: dict[Port, ByteSink] = {}
         self._recorded = Counter[Port]()  # bytes
+        self._measurement_count = 0
         self._buffer = memoryview(bytearray(READ_BYTES))
         self._ended = False
         self._pulse = choices.pulse(settings)
@@ -61,7 +62,7 @@ class RecordLoop:
         self._ports = [Port(spec, options, self, wait=wait) for spec, options in choices.ports(settings)]
 
     def run(self, seconds: float) -> None:
-        """Until a signal, or so many seconds."""
+        """Until a signal, or so many seconds. Raises DeviceAbsentError if nothing came until then."""
         end_s = time.monotonic() + seconds
         with caught(dict.fromkeys(endings(), self._end)) as wakeup:
             self._poll.register(wakeup, select.POLLIN)
@@ -87,6 +88,8 @@ class RecordLoop:
             port.close()
             say = self._log.info if self._recorded[port] else self._log.warning
             say(f"recorded {self._recorded[port]} bytes", port=port.spec.path)
+        if not self._recorded.total() and not self._measurement_count:
+            raise DeviceAbsentError("nothing was recorded: no port has sent a byte")
 
     def _end(self) -> None:
         self._ended = True
@@ -109,6 +112,7 @@ class RecordLoop:
 
     def _record_measurements(self, aiding: AidingInput) -> None:
         for source, measurement in aiding.measurements(self._sources):
+            self._measurement_count += 1
             self._recorder.record_measurement(source.name, measurement, np.zeros(0, INNOVATION))
 
     def watch(self, port: Port, fd: int) -> None:

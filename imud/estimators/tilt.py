@@ -32,7 +32,7 @@ from ..compile.jit import interpreted, kernel
 from ..configuration.settings import Initial, Settings
 from ..math.arrays import Records
 from ..math.earth import STANDARD_GRAVITY, gravity
-from ..math.rotation import quat_of_euler
+from ..math.rotation import UNKNOWN_ANGLE, quat_of_euler
 from ..sensor_errors.profiles import profile_of
 from . import Estimator
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
@@ -50,7 +50,6 @@ VIBRATION_RATIO = 2.0  # of the sensor's variance: more is vibration; choice, fo
 VIBRATION_S = 1.0  # over which that variance is averaged
 GRAVITY_SPREAD = 0.0015  # of standard gravity over the earth's surface, 1 sigma
 MAGNITUDE_GATE = 2.0  # sigma by which sensor errors may change the force's magnitude
-UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an angle of which nothing is known
 GIVEN_ANGLE = math.radians(1.0)  # of a heading given by the user
 VALID_TILT, VALID_HEADING = math.radians(10.0), math.radians(20.0)
 FAULT_RATE = 0.3  # rad/s, error of the rate while the gyro fails

@@ -19,6 +19,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from ...math.rotation import (
+    UNKNOWN_ANGLE,
     Vector,
     dcm_of_quat,
     euler_of_quat,
@@ -42,8 +43,6 @@ from .stationarity import restart_stationarity
 
 if TYPE_CHECKING:
     from .types import Parameters, State
-
-UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of a uniform angle
 
 
 @kernel

@@ -11,10 +11,10 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import packed_index
+from ...math.rotation import UNKNOWN_ANGLE
 from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from ...sensor_errors.stored_biases import Biases
 from ..tuning import values_of
-from .levelling import UNKNOWN_ANGLE
 from .parameters import TUNABLES
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, PARAMETERS, STATE, STATES
 

@@ -9,8 +9,8 @@ from imud.drivers import elementary
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
+from ...math.rotation import UNKNOWN_ANGLE
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
-from .levelling import UNKNOWN_ANGLE
 from .mechanization import compensate_force, compensate_rate
 
 if TYPE_CHECKING:

@@ -39,7 +39,7 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import MIN_COS, STANDARD_GRAVITY, displaced, gravity
 from ...math.kalman import measure, scale, shear, update
-from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
+from ...math.rotation import UNKNOWN_ANGLE, euler_of_quat, quat_of_euler, quat_of_gravity, quat_rotate, quat_rotate_back
 from ...sensor_errors.profiles import profile_of
 from .. import Estimator
 from ..blank_solution import blank
@@ -65,7 +65,6 @@ GATE = 5.0
 ORIGIN_SIGMA = 5.0  # m, of an origin whose source does not say
 TERMS = 12  # of the series below: the next one is under 1e-16 for lambda T < 1
 NODES = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461))  # Gauss-Legendre, 4
-UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, of a yaw that nothing measures
 POSITION, VELOCITY, BIAS, STATES = 0, 1, 2, 3
 
 AXES = (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)

@@ -45,7 +45,7 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import measure, scale, shear, update
-from ...math.rotation import Vector, quat_of_euler
+from ...math.rotation import UNKNOWN_ANGLE, Vector, quat_of_euler
 from .. import Estimator
 from ..blank_solution import blank
 from ..records import ATTITUDE_VALID
@@ -60,7 +60,7 @@ Q1, R_NOMINAL, R3 = 1.0, 0.05, 1.0
 DELTA, ALPHA1, R_LARGE = 0.005, 0.4, 5.0
 PRINTED_ALPHA2 = 10.0  # g, of the residual
 ALPHA2 = PRINTED_ALPHA2 / math.sqrt(DELTA)  # of its square
-VALID_TILT, UNKNOWN_ANGLE = math.radians(20.0), math.pi / math.sqrt(3.0)
+VALID_TILT = math.radians(20.0)
 MIN_COS_PITCH = 1e-3  # least |cos(pitch)|: at 90 deg roll and its rate are not defined
 PITCH, ROLL, RATE, STATES = 0, 1, 2, 5
 STANDARD, ADAPTIVE, TWO_STEP = range(3)

@@ -10,6 +10,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.earth import displaced
 from ...math.kalman import measure, packed_index, scale, shear, update
+from ...math.rotation import UNKNOWN_ANGLE
 from .state import (
     ACCEL,
     ACCEL_BIAS_X,
@@ -35,7 +36,6 @@ from .state import (
     TRAVEL_SPEED,
     TRAVEL_YAW,
     TRAVELS,
-    UNKNOWN_ANGLE,
     UNKNOWN_SPEED,
     YAW,
 )

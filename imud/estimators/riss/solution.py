@@ -11,7 +11,7 @@ from imud.drivers.sample import SATURATED as BEYOND_RANGE
 from ...compile.jit import kernel
 from ...math.earth import displaced
 from ...math.kalman import packed_index
-from ...math.rotation import quat_of_euler
+from ...math.rotation import UNKNOWN_ANGLE, quat_of_euler
 from ..records import (
     AT_REST,
     ATTITUDE_VALID,
@@ -38,7 +38,6 @@ from .state import (
     SPEED,
     SQUAT,
     STATES,
-    UNKNOWN_ANGLE,
     WHITE_VELOCITY,
     YAW,
 )

@@ -8,6 +8,7 @@ from ...compile.jit import interpreted
 from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
+from ...math.rotation import UNKNOWN_ANGLE
 from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 
@@ -222,7 +223,6 @@ STATE = np.dtype(
     align=True,
 )
 UNKNOWN_SPEED = 20.0  # m/s, 1 sigma
-UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)  # rad, sigma of an unknown angle
 BIAS_WALK_S = 100.0  # time in which a bias walks by its instability
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS, displaced
+from ....math.rotation import UNKNOWN_ANGLE
 from ...blank_solution import blank
 from ...records import AT_REST, ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 from .state import DEVICE, EARTH, RATE_ERROR, SCALE_ERROR
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from ...types import Sample, Solution
     from ..types import Ins9Parameters, Ins9State
 
-GIVEN_HEADING_SIGMA, UNKNOWN_ANGLE = math.radians(5.0), math.pi / math.sqrt(3.0)
+GIVEN_HEADING_SIGMA = math.radians(5.0)
 DEVICE_TILT_SIGMA = math.radians(1.0)  # of a device that does not say how good its own is
 VALID_ANGLE = math.radians(20.0)
 EARTH_VAR = EARTH_RATE_RADPS * EARTH_RATE_RADPS

@@ -1,6 +1,7 @@
 """The library: the same bits as the commands, in the frames that the user asks for, and clear errors."""
 
 import csv
+import dataclasses
 import doctest
 import importlib
 import inspect
@@ -14,6 +15,7 @@ from emulated_recording import record
 import imud
 from imud.commands import main
 from imud.errors import ConfigError, InputMissingError
+from imud.estimators import registry
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 from imud.recording import enu
@@ -108,6 +110,13 @@ def test_a_filter_stepped_by_hand_agrees_with_the_whole(drive):
         innovations += len(solution.innovations.t)
     assert np.concatenate(rows).tobytes() == whole.records.tobytes()
     assert innovations == len(whole.innovations.t) > 3 * k
+
+
+def test_an_estimator_may_be_the_users_own(drive):
+    imu, _ = drive
+    own = dataclasses.replace(registry.by_name("tilt"), name="mine")
+    for run in (imud.attitude, lambda *imu, estimator: imud.AttitudeFilter(RATE_HZ, estimator=estimator).step(*imu)):
+        assert run(*imu, estimator=own).records.tobytes() == run(*imu, estimator="tilt").records.tobytes()
 
 
 def test_robotics_frames(drive):

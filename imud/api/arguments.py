@@ -10,6 +10,8 @@ import numpy as np
 from imud.drivers.sample import SAMPLE
 
 from ..configuration.settings import Initial, Settings
+from ..errors import UsageError
+from ..estimators import Estimator, registry
 from ..estimators.aiding_source import AidingSource
 from ..math.arrays import Floats, Records
 from ..setup import config
@@ -39,6 +41,16 @@ def initial_of(settings: Settings, initial: Mapping[str, float] | None) -> Initi
     """What is known at the start, by the settings and by names as in `--initial`. Raises ConfigError."""
     text = ",".join(f"{name}={float(value)!r}" for name, value in (initial or {}).items())
     return config.initial_of(settings, text)
+
+
+def estimator_of(estimator: str | Estimator) -> Estimator:
+    """The one of this name, or the user's own. Raises ValueError naming those there are."""
+    if isinstance(estimator, Estimator):
+        return estimator
+    try:
+        return registry.by_name(estimator)
+    except UsageError as error:
+        raise ValueError(str(error)) from error
 
 
 def check_frames(frames: str) -> None:

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
-from ..estimators import registry
+from ..estimators import Estimator
 from ..estimators.filter_states import cells
 from ..estimators.records import INNOVATION, PENDING_MAX, SOLUTION
 from ..math.arrays import Records
@@ -15,6 +14,7 @@ from ..pipeline import Filter
 from .arguments import (
     Frames,
     check_frames,
+    estimator_of,
     fixes_from,
     initial_of,
     measurements_from,
@@ -45,19 +45,17 @@ class AttitudeFilter:
         settings: Mapping[str, Any] | Path | str | None = None,
         initial: Mapping[str, float] | None = None,
         frames: Frames = "ned-frd",
-        estimator: str | None = None,
+        estimator: str | Estimator | None = None,
     ) -> None:
         """rate_hz: of the samples. settings: keys and values as in `--set`, or a configuration file. initial: what is
         known at the start, as in `--initial`: lat_deg, yaw_deg, … frames: of all arrays, see `Solution`. estimator:
-        another one by its name. Raises ConfigError for what is wrong in settings, ValueError for the rest.
+        another one by its name, or an `imud.estimators.Estimator` of your own. Raises ConfigError for what is wrong in
+        settings, ValueError for the rest.
         """
         if not 0.0 < rate_hz < 1e6:
             raise ValueError(f"rate_hz is {rate_hz}; it must be above 0 and below 1e6")
         check_frames(frames)
-        try:
-            chosen = registry.by_name(estimator or self.estimator)
-        except UsageError as error:
-            raise ValueError(str(error)) from error
+        chosen = estimator_of(estimator or self.estimator)
         self.frames = frames
         self._settings = settings_of(settings)
         self._filter = Filter(chosen, self._settings, initial_of(self._settings, initial), rate_hz)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..batch import in_order_of_arrival, play
-from ..errors import UsageError
-from ..estimators import registry
+from ..estimators import Estimator
 from ..estimators.records import FIX, INNOVATION
 from ..math.arrays import Records
 from ..pipeline import Filter
@@ -18,6 +17,7 @@ from ..tables.refused import without_refused
 from .arguments import (
     Frames,
     check_frames,
+    estimator_of,
     fixes_from,
     initial_of,
     measurements_from,
@@ -40,7 +40,7 @@ def attitude(
     settings: Setting = None,
     initial: Mapping[str, float] | None = None,
     frames: Frames = "ned-frd",
-    estimator: str = "attitude",
+    estimator: str | Estimator = "attitude",
     smooth: bool = False,
 ) -> Solution:
     """Attitude and gyro bias from gyro and accelerometer, causal, with sigmas; the bits of `imud replay --imu`.
@@ -48,8 +48,9 @@ def attitude(
     t: [n] s, increasing. gyro: [n, 3] rad/s. accel: [n, 3] specific force, m/s^2: at rest and level (0, 0, -g) in FRD,
     (0, 0, g) in FLU. temperature: [n] degC. settings: keys and values as in `--set`, or a configuration file; initial:
     as in `--initial`. smooth: estimates from the data before and after each sample, as of `imud replay --smooth`.
-    frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. Raises ValueError for what is wrong in
-    arrays, ConfigError for what is wrong in settings, BadDataError if the settings forbid every fix.
+    frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. estimator: another one by its name, or an
+    `imud.estimators.Estimator` of your own. Raises ValueError for what is wrong in arrays, ConfigError for what is
+    wrong in settings, BadDataError if the settings forbid every fix.
 
     >>> import numpy as np, imud
     >>> t = np.arange(300) / 100.0
@@ -57,7 +58,7 @@ def attitude(
     >>> print(round(np.radians(imud.attitude(t, np.zeros((300, 3)), accel).roll_deg[-1]), 2))
     0.1
     """
-    return _run((t, gyro, accel, temperature), None, {}, settings, initial, frames, estimator, smooth)
+    return _run((t, gyro, accel, temperature), None, {}, settings, initial, frames, estimator_of(estimator), smooth)
 
 
 def navigate(
@@ -68,7 +69,7 @@ def navigate(
     settings: Setting = None,
     initial: Mapping[str, float] | None = None,
     frames: Frames = "ned-frd",
-    estimator: str = "navigation",
+    estimator: str | Estimator = "navigation",
     smooth: bool = False,
 ) -> Solution:
     """Attitude, velocity and position from inertial samples and fixes; the bits of `imud replay --imu --gnss`.
@@ -86,7 +87,7 @@ def navigate(
     >>> bool(imud.navigate(imu, gnss).position_valid[-1])
     True
     """
-    return _run(split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator, smooth)
+    return _run(split_imu(imu), gnss, aiding or {}, settings, initial, frames, estimator_of(estimator), smooth)
 
 
 def _run(
@@ -96,15 +97,11 @@ def _run(
     settings: Setting,
     initial: Mapping[str, float] | None,
     frames: Frames,
-    name: str,
+    estimator: Estimator,
     smooth: bool,
 ) -> Solution:
     """imu: t, gyro, accel, temperature."""
     check_frames(frames)
-    try:
-        estimator = registry.by_name(name)
-    except UsageError as error:
-        raise ValueError(str(error)) from error
     samples = samples_from(*imu, frames, None)
     if len(samples) < 2:
         raise ValueError(f"{len(samples)} samples; at least two are needed")

@@ -239,6 +239,11 @@ class Filter:
         rows["covariance"][:, np.diag(ATTITUDE_BLOCK)] += mounting**2
         return rows
 
+    def findings(self) -> tuple[str, ...]:
+        """What the estimator has found that contradicts the settings, in words."""
+        read = self.estimator.findings
+        return () if read is None else read(self.parameters, self.state)
+
 
 class InertialPipeline:
     """Bytes of one inertial sensor to solutions of one filter. Owns the preallocated buffers; not thread-safe.

@@ -1,5 +1,7 @@
 """What the filter learns of the vehicle that it rides on: the gyro's error in turns, its axis, and how it rests."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from in_c import Module
@@ -8,12 +10,15 @@ from navigation_simulation import drive, errors, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
+from imud.daemon.status_reporter import StatusReporter
 from imud.estimators.ins import rest, stationarity
 from imud.estimators.ins.aiding import forward_axis_search, land_evidence, non_holonomic
+from imud.estimators.ins.findings import _NO_LAND_VEHICLE, findings
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
+from imud.estimators.ins.state import AUTO, GYRO_SCALE, NAVIGATING, NHC_LEVER_ARM, STATES
 from imud.math.kalman import unpack
+from imud.process.contained import ContainedErrors
 
 rest = Module(rest)
 stationarity = Module(stationarity)
@@ -123,7 +128,8 @@ def test_a_vehicle_that_leans_into_turns_is_no_land_vehicle(lateral_share, land)
 @pytest.mark.parametrize("lateral, enabled", [(0.05, 1), (1.5, 0)])
 def test_a_land_vehicle_by_the_settings_that_keeps_sliding_is_none(lateral, enabled):
     p = configure(Settings(navigation=Navigation(vehicle="land")), 100.0)
-    c = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=0.0))["core"][0, 0]
+    state = start(p, Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=0.0))
+    c = state["core"][0, 0]
     known = np.diag([1.0] * 3 + [0.01] * 3 + [1e-4] * (STATES - 6))[np.triu_indices(STATES)]
     c["cov"]["P"], c["alignment"]["mode"] = known, NAVIGATING
     c["nhc"]["down_sum"], c["nhc"]["principal_axis"] = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
@@ -135,6 +141,24 @@ def test_a_land_vehicle_by_the_settings_that_keeps_sliding_is_none(lateral, enab
             non_holonomic.fuse_nhc(p[0], c)
     assert c["nhc"]["enabled"] == enabled
     assert c["nhc"]["disable_count"] == 1 - enabled
+    assert findings(p, state) == (() if enabled else (_NO_LAND_VEHICLE,))
+    p["vehicle"] = AUTO
+    assert findings(p, state) == ()
+
+
+def test_the_log_says_that_the_setting_is_not_used_and_when_it_is_again():
+    found = (_NO_LAND_VEHICLE,)
+    inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=SimpleNamespace(findings=lambda: found)))
+    in_use = SimpleNamespace(by_kind=dict, imu=None, gnss=None, aiding_sensors={})
+    devices = SimpleNamespace(
+        selection=SimpleNamespace(inertial=inertial), in_use=in_use, spares=SimpleNamespace(sensors={})
+    )
+    reporter, lines = StatusReporter(devices, ContainedErrors()), []
+    reporter._change_logger._log = SimpleNamespace(warning=lines.append, info=lines.append)
+    for second in range(6):
+        found = (_NO_LAND_VEHICLE,) if second < 3 else ()
+        reporter._check_all(second * 10**9)
+    assert lines == [_NO_LAND_VEHICLE, f"has ended: {_NO_LAND_VEHICLE}"]
 
 
 @pytest.mark.parametrize("millimetres, hertz, heaves", [(20.0, 1.8, True), (2.0, 4.0, False), (0.0, 1.0, False)])

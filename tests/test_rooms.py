@@ -75,6 +75,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         "imud/estimators/ins/checkpoint.py",
         "imud/estimators/ins/error_model.py",
         "imud/estimators/ins/filter_states.py",
+        "imud/estimators/ins/findings.py",
         "imud/estimators/ins/integrity/alternating_receiver.py",
         "imud/estimators/ins/lever_arm.py",
         "imud/estimators/ins/setup.py",

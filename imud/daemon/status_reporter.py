@@ -71,6 +71,8 @@ class StatusReporter:
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
         self._out_of_limits = self._beyond_limits(now_ns)
+        inertial = self._devices.selection.inertial
+        self._change_logger.faults("filter", inertial.pipeline.filter.findings() if inertial else (), now_ns)
         self._faults_of_others = {
             port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in self._others().items()
         }

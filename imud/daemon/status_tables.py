@@ -169,6 +169,7 @@ def of_filter(inertial: "Inertial | None", estimator: str, now_ns: int) -> Table
         "state": status_text(s.status),
         "age_s": (now_ns - inertial.last_data_ns) * 1e-9 if inertial else None,
         "flags": {word: bool(s.status & bit) for bit, word in STATUS_NAMES.items()},
+        "finding": "; ".join(inertial.pipeline.filter.findings() if inertial else ()) or None,
         **(rpy if s.status & ATTITUDE_VALID else {}),
         **_named("s{}_deg", ("roll", "pitch", "yaw"), s.sigma_rpy),
         "lat_deg": s.lat,

@@ -116,6 +116,8 @@ def _filter(f: Table) -> Iterator[tuple[str, str]]:
     state = f.get("state", "no samples yet").replace(",", ", ")
     silence = f"no sample for {_duration(f['age_s'])}; before: " if f.get("age_s", 0.0) >= _SILENT_S else ""
     yield "filter", f"{f['estimator']}: {silence}{state}"
+    if "finding" in f:
+        yield "", f["finding"]
     yield from _attitude(f)
     for name, columns in _ROWS:
         known = [(what, key, sigma, form) for what, key, sigma, form in columns if key in f]

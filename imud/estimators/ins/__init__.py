@@ -16,7 +16,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `glr_tests/` | faults sought in every update: a drift, a step of time tags or gyro bias, a wrong compass, a current |
 | `integrity/` | other fault detection: a frozen or alternating receiver, a contradicted heading or gyro bias |
 | `state`, `core`, `parameters` | the error states; the records, a concern each; the tunables |
-| `solution`, `filter_states` | what comes out; what is estimated beside it |
+| `solution`, `filter_states`, `findings` | what comes out; what is estimated beside it; what contradicts the settings |
 | `checkpoint` | what outlasts a restart of the program |
 """
 
@@ -24,6 +24,7 @@ from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, pending_innovations, step, update
 from .filter_states import filter_states
+from .findings import findings
 from .parameters import TUNABLES, configure
 from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
 from .source_estimates import source_estimates
@@ -47,6 +48,7 @@ ESTIMATOR = Estimator(
     fix_delay_s=fix_delay_s,
     source_ages_s=source_ages_s,
     source_estimates=source_estimates,
+    findings=findings,
     place=place,
     variances=variances,
     filter_states=filter_states,

@@ -24,6 +24,8 @@ from imud.setup import config
 ROOT = Path(__file__).resolve().parents[1]
 MANUAL = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [ROOT / "README.md", *MANUAL]
+READMES = [ROOT / folder / "README.md" for folder in ("drivers", "imud", "imud/estimators", "imud/outputs", "tests")]
+LINKING = [*PAGES, *READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 SETTINGS = {key.path for key in keys()}
 TABLES = {key.table for key in keys()} - {""}
 PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -100,11 +102,20 @@ def test_every_setting_that_is_named_exists(page):
             assert name in SETTINGS, name
 
 
-@PAGE
-def test_every_link_leads_to_a_file(page):
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
-        if not re.match(r"[a-z]+:", target):
-            assert (page.parent / target).exists(), target
+def anchors(page):
+    """Those of its headings, as GitHub and mkdocs make them."""
+    headings = re.findall(r"^#+ (.*)", page.read_text(), flags=re.M)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", LINKING, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_leads_to_a_file_and_to_a_heading_of_it(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        target, _, anchor = link.partition("#")
+        if not re.match(r"[a-z]+:", link):
+            there = page.parent / target if target else page
+            assert there.exists(), link
+            assert not anchor or anchor in anchors(there), link
 
 
 @PAGE

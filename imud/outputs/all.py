@@ -40,11 +40,13 @@ class Outputs:
                 return stack.enter_context(contextlib.closing(output))
 
             self.gpsd = closing(GpsdServer(settings.gpsd, poller, queries, commands, self._errors))
-            nmea = closing(NmeaOutput(settings.nmea))
             self.binary = closing(BinaryOutputs(settings, poller, batch))
             self._chrony = closing(_open_chrony(settings.chrony)) if settings.chrony.shm_unit >= 0 else None
-            plugins = [closing(opened(name)) for name in settings.outputs]
-            self._view_outputs: tuple[Output, ...] = (self.gpsd, nmea, *plugins)
+            self._view_outputs: tuple[Output, ...] = (
+                self.gpsd,
+                closing(NmeaOutput(settings.nmea)),
+                *(closing(opened(name)) for name in settings.outputs),
+            )
             self._opened = stack.pop_all()
 
     def configure(self, settings: Settings) -> None:

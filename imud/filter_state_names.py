@@ -89,6 +89,7 @@ _KINDS: tuple[tuple[str, str, tuple[str, ...], str, str], ...] = (  # the place 
         "rad",
         "by which headings are too large, beyond the settings",
     ),
+    ("aiding", "velocity_mount", ("roll", "pitch", "yaw"), "rad", "of a sensor of the velocity in the body"),
 )
 STATES = tuple(
     FilterState(group, kind, part, unit, about) for group, kind, parts, unit, about in _KINDS for part in parts

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from golden_data import RATE, data, navigated, random, road
 from golden_run import golden
+from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Aiding, Initial, Settings
-from imud.estimators.records import BODY_VELOCITY_SOURCE, MEASUREMENT, POSE_SOURCE, VELOCITY_SOURCE
+from imud.estimators.records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, MEASUREMENT, POSE_SOURCE, VELOCITY_SOURCE
 
 
 def external(d, kind, seed, every_s=0.1):
@@ -121,3 +122,22 @@ def external_velocity():
 def body_velocity():
     """In body axes."""
     return external_velocities(BODY_VELOCITY_SOURCE, 77)
+
+
+@golden("navigation")
+def body_velocity_of_a_sensor_that_is_turned():
+    """By 25 deg, beside a compass that is off; for a while by 100 deg, when it is not used."""
+    d = road(120.0)
+    samples, fixes = data(d, seed=95)
+    rng, k, rows = external(d, BODY_VELOCITY_SOURCE, 96)
+    t = rows["t_ns"] * 1e-9 - 100.0
+    for yaw_deg, use in ((25.0, (t < 50.0) | (t > 65.0)), (100.0, (t >= 50.0) & (t <= 65.0))):
+        axes = Rotation.from_euler("ZYX", (yaw_deg, -4.0, 3.0), degrees=True)
+        rows["value"][use, :3] = axes.inv().apply(d.attitude[k].inv().apply(d.v[k]))[use]
+    rows["value"][:, :3] += 0.1 * rng.standard_normal((len(k), 3))
+    _, k, compass = external(d, HEADING_SOURCE, 97, 0.5)
+    compass["value"][:, 0] = d.attitude.as_euler("ZYX")[k, 0] + 0.1 + 0.02 * rng.standard_normal(len(k))
+    gone = fixes["t_ns"] > 190e9
+    return replace(
+        navigated(samples, fixes[~gone]), measurements=np.sort(np.concatenate([rows, compass]), order="arrival_ns")
+    )

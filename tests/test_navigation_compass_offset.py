@@ -12,7 +12,7 @@ from vehicle_simulation import vehicle
 
 from imud.batch import play
 from imud.configuration.settings import Aiding, Initial, Navigation, Settings
-from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, NEVER_NS, VELOCITY
+from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, HEADING_BORESIGHT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
 
 D = Later(drive, 90.0)  # it rests for 10 s
@@ -46,9 +46,9 @@ def test_the_effect_of_an_offset_on_the_boresight_is_predicted(settings):
     off = np.radians(1e-3)
     core, changed = (run(20.0, wrong, settings)[0] for wrong in (0.0, off))
     found = (changed["heading_aid"]["boresight"] - core["heading_aid"]["boresight"]) / off
-    v = core["compass_offset"]["boresight_sensitivity"]
-    assert 1.0 - v == pytest.approx(found, abs=0.05)
-    assert v < 0.5 if settings is WIDE else v > 0.99
+    v = core["faults"]["boresight_sensitivity"][HEADING_BORESIGHT, COMPASS_FAULT]
+    assert v == pytest.approx(found, abs=0.05)
+    assert v > 0.5 if settings is WIDE else v < 0.01
 
 
 def test_the_effect_of_an_offset_is_predicted():
@@ -65,6 +65,10 @@ def test_the_effect_of_an_offset_is_predicted():
 def yaw_of(core):
     w, x, y, z = core["nav"]["q_nb"]
     return np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+
+
+def sigma_of_boresight(core):
+    return np.sqrt(core["cov"]["boresight_covariance"][HEADING_BORESIGHT, HEADING_BORESIGHT])
 
 
 def test_only_motion_confirms_a_heading():
@@ -85,8 +89,8 @@ def test_its_boresight_is_estimated(deg):
     aid, out = core["heading_aid"], out[-1]
     assert aid["boresight"] == pytest.approx(0.0, abs=np.radians(0.5))
     assert np.degrees(out["sigma_rpy"][2]) == pytest.approx(3.0, abs=0.3)
-    aid = run(88.0, np.radians(deg), WIDE)[0]["heading_aid"]
-    sigma = np.sqrt(aid["boresight_variance"])
+    core = run(88.0, np.radians(deg), WIDE)[0]
+    aid, sigma = core["heading_aid"], sigma_of_boresight(core)
     assert sigma < np.radians(0.7) and not aid["distrusted"]
     assert aid["boresight"] == pytest.approx(np.radians(deg), abs=4.0 * sigma)
 
@@ -135,9 +139,9 @@ def test_a_boresight_that_motion_contradicts_is_estimated_as_one_of_which_nothin
     wide, of_wide = run(88.0, np.radians(deg), WIDE)
     found, expected = core["heading_aid"], wide["heading_aid"]
     assert found["boresight_prior"] == expected["boresight_prior"] and not found["distrusted"]
-    sigma = np.sqrt(expected["boresight_variance"])
+    sigma = sigma_of_boresight(wide)
     assert found["boresight"] == pytest.approx(expected["boresight"], abs=2.0 * sigma)
-    assert np.sqrt(found["boresight_variance"]) == pytest.approx(sigma, rel=0.3)
+    assert sigma_of_boresight(core) == pytest.approx(sigma, rel=0.3)
     assert out["sigma_rpy"][-1, 2] == pytest.approx(of_wide["sigma_rpy"][-1, 2], rel=0.3)
 
 
@@ -146,7 +150,7 @@ def test_a_compass_that_comes_when_the_heading_is_known_is_used_though_mounted_w
     core, out = run(88.0, np.radians(10.0), from_s=45.0)
     aid = core["heading_aid"]
     assert not aid["distrusted"] and aid["last_used_ns"] > 187e9
-    assert aid["boresight"] == pytest.approx(np.radians(10.0), abs=4.0 * np.sqrt(aid["boresight_variance"]))
+    assert aid["boresight"] == pytest.approx(np.radians(10.0), abs=4.0 * sigma_of_boresight(core))
     assert abs(np.degrees(yaw_error(D, out)[0][-1])) < 1.5
 
 

@@ -117,7 +117,11 @@ def nominal(seed, rolling=False):
     rolling: the smoothed rate has a part about the forward axis, whose effect on the constraint is not in H.
     """
     rng = np.random.default_rng(seed)
-    aiding = Aiding(pose_lever_arm_m=(0.4, 0.3, -1.1), velocity_lever_arm_m=(-0.5, 0.6, 0.8))
+    aiding = Aiding(
+        pose_lever_arm_m=(0.4, 0.3, -1.1),
+        velocity_lever_arm_m=(-0.5, 0.6, 0.8),
+        velocity_mount_rpy_deg=(20.0, -10.0, 35.0),
+    )
     p = configure(Settings(navigation=Navigation(lever_arm_m=LEVER_ARM), aiding=aiding), 100.0)
     s = start(p, Initial(lat_deg=50.0, lon_deg=8.0, height_m=120.0, yaw_deg=10.0))
     c = record(s).core[0]

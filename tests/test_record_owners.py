@@ -20,7 +20,9 @@ BEGUN_ANEW = {  # states of one measurement or constraint, whose file may set th
     ("nav", "time_offset"): "aiding/gnss_time.py",
     ("nav", "velocity_time_offset"): "aiding/gnss_time.py",
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",
-    ("cov", "boresight"): "heading_boresight.py",  # of a state outside P
+    ("nav", "velocity_mount"): "boresights.py",
+    ("cov", "boresight"): "boresights.py",  # of states outside P
+    ("cov", "boresight_covariance"): "boresights.py",
 }
 CORE = "cs"  # what the functions call the state that the records belong to
 # kernels of imud.math.kalman that write their first argument

@@ -202,3 +202,10 @@ class Aiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             extra=HOT,
         ),
     ] = (0.0, 0.0, 0.0)
+    velocity_mount_rpy_deg: Annotated[
+        tuple[Angle, Angle, Angle],
+        Meta(
+            description="From the axes of a velocity sensor (`body_velocity`) to the vehicle's (FRD): roll, pitch, "
+            "yaw; what they are off by is estimated in motion."
+        ),
+    ] = (0.0, 0.0, 0.0)

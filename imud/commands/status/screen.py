@@ -84,6 +84,7 @@ def _estimates(source: Table) -> Iterator[str]:
         ("scale", "sscale", "scale {:.4f} ± {:.1g}"),
         ("offset_m", "soffset_m", "offset {:+.1f} ± {:.1g} m"),
         ("boresight_deg", "sboresight_deg", "boresight {:+.1f} ± {:.1g}°"),
+        *((f"mount_{angle}_deg", f"smount_{angle}_deg", f"{angle} {{:+.1f}} ± {{:.1f}}°") for angle in _ANGLES),
     )
     texts = [form.format(source[key], source[sigma]) for key, sigma, form in forms if key in source]
     if "late_s" in source:

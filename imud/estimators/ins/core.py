@@ -33,6 +33,7 @@ from .integrity.records import GRAVITY_MONITOR, INTEGRITY, VELOCITY_DISCREPANCY
 from .state import (
     AIDING_RING,
     BANKS,
+    BORESIGHTS,
     EXPONENTIALS,
     FAULTS,
     IMU_RING,
@@ -65,6 +66,7 @@ NAV = np.dtype(  # the nominal state: time, and one value for each error state
         ("baro_offset", "<f8"),  # m, the barometer's height is too large by this
         ("gnss_velocity_bias", "<f8", (3,)),  # m/s, NED, fix minus truth: the correlated error of its velocity
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
+        ("velocity_mount", "<f8", (4,)),  # from the axes of the velocity sensor to the body's
     ],
     align=True,
 )
@@ -107,7 +109,8 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
 COVARIANCE = np.dtype(
     [
         ("P", "<f8", (STATES * (STATES + 1) // 2,)),  # packed upper triangle
-        ("boresight", "<f8", (STATES, 1)),  # of the error states with the boresight of the heading source
+        ("boresight", "<f8", (STATES, BORESIGHTS)),  # of the error states with the boresights
+        ("boresight_covariance", "<f8", (BORESIGHTS, BORESIGHTS)),  # of these; 0 of what is not estimated
     ],
     align=True,
 )
@@ -191,6 +194,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("columns", "<i8", (JACOBIAN_LENGTH,)),  # h
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("transition", TRANSITION),
+        ("boresight_row", "<f8", (BORESIGHTS,)),  # B, of the boresights
+        ("boresight_e", "<f8", (BORESIGHTS,)),  # their covariances with the innovation
         ("fault_innovation", "<f8", (FAULTS,)),  # mean of the innovation per unit of each fault
         ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # of the nine states that learn process noise: h
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),
@@ -240,6 +245,7 @@ REWOUND = [  # what a rewind restores
     ("magnetometer", MAGNETOMETER),
     ("pose", EXTERNAL_AID),
     ("external_velocity", EXTERNAL_AID),
+    ("body_velocity", EXTERNAL_AID),
     ("odometer", ODOMETER),
     ("wheel_check", WHEEL_CHECK),
 ]

@@ -23,6 +23,7 @@ from .state import (
     ACCEL_BIAS,
     ATTITUDE,
     BARO_OFFSET,
+    BORESIGHTS,
     GNSS_BIAS,
     GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
@@ -98,7 +99,8 @@ def add_covariance(c: Core, i: int, k: int, q: float) -> None:
 def decorrelate(c: Core, i: int, variance: float) -> None:
     """Make error state i independent of the others, with `variance`."""
     reset(c.cov.P, STATES, i, variance)
-    c.cov.boresight[i, 0] = 0.0
+    for j in range(BORESIGHTS):
+        c.cov.boresight[i, j] = 0.0
 
 
 @kernel
@@ -106,7 +108,8 @@ def combine(c: Core, i: int, k: int, a: float) -> None:
     """Error state i gains `a` times error state k."""
     shear(c.cov.P, STATES, i, k, a)
     u = c.cov.boresight
-    u[i, 0] += a * u[k, 0]
+    for j in range(BORESIGHTS):
+        u[i, j] += a * u[k, j]
 
 
 @kernel
@@ -114,7 +117,8 @@ def combine3(c: Core, i: int, k: int, a: float, b: float, d: float) -> None:
     """Error state i gains a, b, d times the error states k, k + 1, k + 2."""
     shear3(c.cov.P, STATES, i, k, a, b, d)
     u = c.cov.boresight
-    u[i, 0] += a * u[k, 0] + b * u[k + 1, 0] + d * u[k + 2, 0]
+    for j in range(BORESIGHTS):
+        u[i, j] += a * u[k, j] + b * u[k + 1, j] + d * u[k + 2, j]
 
 
 @kernel

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
+from ...compile.jit import interpreted
 from ...filter_state_names import PLACES
 from ...math.arrays import Floats, Records
+from ...math.rotation import euler_of_quat
 from ..filter_states import FILTER_STATES, in_triangle
 from ..records import BODY_VELOCITY_SOURCE, HEADING_SOURCE, ODOMETER_SOURCE, POSE_SOURCE, VELOCITY_SOURCE
 from .state import (
@@ -15,6 +17,7 @@ from .state import (
     GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_SCALE,
+    HEADING_BORESIGHT,
     LEARNING_STATES,
     MOUNT_PITCH,
     NEVER_NS,
@@ -22,6 +25,7 @@ from .state import (
     ODOMETER_SCALE,
     STATES,
     TIME_OFFSET,
+    VELOCITY_BORESIGHT,
     VELOCITY_TIME_OFFSET,
 )
 
@@ -74,9 +78,10 @@ def filter_states(state: Records) -> Records:
         _fill_mounting(row, c, P)
         _fill_noise(row, c)
         _fill_ages(row, state["source_ages"][0])
-        heading = c["heading_aid"]
-        if heading["boresight_variance"] > 0.0:
-            _set(row, "heading_boresight", heading["boresight"], heading["boresight_variance"])
+        if (heading_variance := c["cov"]["boresight_covariance"][HEADING_BORESIGHT, HEADING_BORESIGHT]) > 0.0:
+            _set(row, "heading_boresight", c["heading_aid"]["boresight"], heading_variance)
+        for name, angle, variance in velocity_mounting(c):
+            _set(row, name, angle, variance)
     return rows
 
 
@@ -116,6 +121,19 @@ def _fill_mounting(row: np.void, c: np.void, P: Floats) -> None:
     angles = math.atan2(-fz, math.sqrt(level2)), math.atan2(fy, fx)
     for name, angle, (a, b) in zip(("mount_pitch", "mount_yaw"), angles, (pitch, yaw), strict=True):
         _set(row, name, angle, a * a * pp + 2.0 * a * b * py + b * b * yy)
+
+
+def velocity_mounting(c: np.void) -> list[tuple[str, float, float]]:
+    """Roll, pitch and yaw of the velocity sensor in the body: name, rad, variance; none while it is not estimated."""
+    M = c["cov"]["boresight_covariance"][VELOCITY_BORESIGHT:, VELOCITY_BORESIGHT:]
+    if not M[0, 0] > 0.0:
+        return []
+    roll, pitch, yaw = interpreted(euler_of_quat)(tuple(c["nav"]["velocity_mount"]))
+    s, k, level = math.sin(roll), math.cos(roll), max(math.cos(pitch), 1e-6)
+    J = np.array([[1.0, math.tan(pitch) * s, math.tan(pitch) * k], [0.0, k, -s], [0.0, s / level, k / level]])
+    variances = np.einsum("ij,jk,ik->i", J, M, J)
+    names = ("velocity_mount_roll", "velocity_mount_pitch", "velocity_mount_yaw")
+    return list(zip(names, (roll, pitch, yaw), variances.tolist(), strict=True))
 
 
 def _fill_noise(row: np.void, c: np.void) -> None:

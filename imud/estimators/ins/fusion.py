@@ -20,20 +20,20 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
+from .boresights import add_boresights, covariance_with_boresights, propagate_boresights, update_boresights
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
-from .glr_tests.compass_offset import add_to_compass_offset, update_boresight_sensitivity
+from .glr_tests.compass_offset import add_to_compass_offset
 from .glr_tests.current import add_fix_to_current, add_to_current
 from .glr_tests.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
 from .glr_tests.gnss_drift import BY_WHEELS, add_to_drift
 from .glr_tests.gyro_bias_step import add_to_gyro_bias_step
 from .glr_tests.time_offset_step import add_to_time_offset_step
 from .glr_tests.velocity_drift import add_to_velocity_drift
-from .heading_boresight import add_boresight, covariance_with_boresight, propagate_boresight, update_boresight
 from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
-from .state import ATTITUDE, COMPASS_AXIS, CONSTRAINT_AXIS, HORIZONTAL, NAVIGATING, OTHER_AXIS, VELOCITY, VERTICAL
+from .state import ATTITUDE, CONSTRAINT_AXIS, HORIZONTAL, NAVIGATING, OTHER_AXIS, VELOCITY, VERTICAL
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -53,7 +53,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
     propagate_sensitivities(c, transition)
-    propagate_boresight(p, c, transition)
+    propagate_boresights(p, c, transition)
     propagate_learning(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
@@ -67,13 +67,12 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     axis: what is measured, for the GLR tests: POSITION_AXIS or one of the other codes of `state`.
     """
     compute_gain(c, s)
-    e = covariance_with_boresight(c, length, axis)
+    covariance_with_boresights(c, length, axis)
     add_to_drift(c, z, s, axis)
     if axis == CONSTRAINT_AXIS:
         add_to_current(c, z, s, 1.0)
-    update_sensitivities(c)
-    update_boresight_sensitivity(c, s, e)
-    update_boresight(c, z, s, e)
+    update_sensitivities(c, s)
+    update_boresights(c, z, s)
     update_learning(c, length, z, s)
     apply_gain(c, z)
 
@@ -97,10 +96,8 @@ def correlated_update(
     n measurements that share an error of variance e know together what one of them does: shared = (n - 1) e. axis: see
     `fuse`.
     """
-    z, s = innovation(c, length, z), cross_covariance(c, length) + r
+    z, s = innovation(c, length, z), cross_covariance(c, length) + r + add_boresights(c, length, axis)
     predict_innovations(c, length, axis)
-    if axis == COMPASS_AXIS:
-        s += add_boresight(c, length)
     return test_and_fuse(c, length, z, s, shared, gate, axis)
 
 

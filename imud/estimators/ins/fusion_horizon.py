@@ -128,7 +128,7 @@ def store_snapshot(s: State) -> None:
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
     k.time_offset_step, k.gyro_bias_step = c.time_offset_step, c.gyro_bias_step
     k.velocity_drift, k.compass_offset, k.faults = c.velocity_drift, c.compass_offset, c.faults
-    k.current = c.current
+    k.current, k.body_velocity = c.current, c.body_velocity
     s.snapshot_count += 1
 
 
@@ -151,7 +151,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
     c.time_offset_step, c.gyro_bias_step = k.time_offset_step, k.gyro_bias_step
     c.velocity_drift, c.compass_offset, c.faults = k.velocity_drift, k.compass_offset, k.faults
-    c.current = k.current
+    c.current, c.body_velocity = k.current, k.body_velocity
 
 
 @kernel

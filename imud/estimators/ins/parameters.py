@@ -9,17 +9,19 @@ import math
 
 import numpy as np
 
+from ...compile.jit import interpreted
 from ...configuration.settings import Settings
 from ...math.arrays import Records
+from ...math.rotation import quat_of_euler
 from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 from . import (
+    boresights,
     damaged_readings,
     ekf,
     error_model,
     filter,
     fusion_horizon,
-    heading_boresight,
     imu_sample,
     noise_density,
     power_on,
@@ -79,7 +81,7 @@ TUNABLES = (
         "Three sigma.",
     ),
     *error_model.TUNABLES,
-    *heading_boresight.TUNABLES,
+    *boresights.TUNABLES,
     *noise_density.TUNABLES,
     *ekf.TUNABLES,
     *propagation.TUNABLES,
@@ -141,6 +143,7 @@ PARAMETERS = np.dtype(
         ("track_width", "<f8"),  # m, between the two wheels; 0: not known
         ("pose_lever_arm", "<f8", (3,)),  # m, point of external poses from IMU, body
         ("velocity_lever_arm", "<f8", (3,)),  # m, point of external velocities from IMU, body
+        ("velocity_mount", "<f8", (4,)),  # from the axes of the velocity sensor to the body's
         ("magnetometer", "<i8"),  # 1: its readings are used
         ("vehicle", "<i8"),
         ("assumed_latency", "<f8"),  # s, from epoch to arrival where the epoch is only assumed
@@ -177,6 +180,8 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["track_width"] = settings.aiding.track_width_m
     r["pose_lever_arm"] = settings.aiding.pose_lever_arm_m
     r["velocity_lever_arm"] = settings.aiding.velocity_lever_arm_m
+    mount = [math.radians(angle) for angle in settings.aiding.velocity_mount_rpy_deg]
+    r["velocity_mount"] = interpreted(quat_of_euler)(*mount)
     r["magnetometer"] = settings.aiding.magnetometer
     r["vehicle"] = VEHICLES[settings.navigation.vehicle]
     r["assumed_latency"] = settings.gnss.latency_s

@@ -80,6 +80,7 @@ NEVER = {  # records of the core: their times that begin as NEVER_NS
     "odometer": ("last_ns", "last_used_ns", "reading_ns"),
     "pose": ("last_ns", "last_used_ns", "agreeing_ns", "yaw_ns"),
     "external_velocity": ("last_ns", "last_used_ns"),
+    "body_velocity": ("last_ns", "last_used_ns"),
 }
 
 
@@ -100,6 +101,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)
     s["source_ages"]["probability"][..., NO_AGE] = 1.0 - t["age_prior"]
     _begin_records(c, t)
+    c["nav"]["velocity_mount"] = p["velocity_mount"]
     sigmas = _unknown(p)
     _set_given(s, sigmas, initial, t)
     c["cov"]["P"] = np.diag(sigmas**2)[np.triu_indices(STATES)]
@@ -117,8 +119,10 @@ def _begin_records(c: np.void, t: np.void) -> None:
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
     c["odometer"]["resolution"] = np.inf
     c["odometer"]["used_share"] = t["odometer_min_used_share"]
-    c["external_velocity"]["used_share"] = t["external_velocity_min_share"]
-    c["pose"]["last_value"] = c["external_velocity"]["last_value"] = math.nan
+    for name in ("external_velocity", "body_velocity"):
+        c[name]["used_share"] = t["external_velocity_min_share"]
+    for name in ("pose", "external_velocity", "body_velocity"):
+        c[name]["last_value"] = math.nan
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2
     scale = np.array((t["velocity_noise_scale"], t["attitude_noise_scale"]))
     c["process_noise"]["psd"], c["process_noise"]["log_psd"] = psd, np.log(psd + scale**2)

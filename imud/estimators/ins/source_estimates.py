@@ -15,7 +15,8 @@ from ..records import (
     VELOCITY_SOURCE,
 )
 from .aiding.records import CONTRADICTED, NO_DIRECTION, OTHER_FIELD
-from .state import BARO_OFFSET, NAVIGATING, NEVER_NS, ODOMETER_SCALE, STATES
+from .filter_states import velocity_mounting
+from .state import BARO_OFFSET, HEADING_BORESIGHT, NAVIGATING, NEVER_NS, ODOMETER_SCALE, STATES
 
 REPEATED_NS = 10_000_000_000  # a barometer that says the same for longer has stopped
 
@@ -23,7 +24,7 @@ _FINDINGS = {
     HEADING_SOURCE: ("heading_aid", "distrusted", 1, "the motion contradicts it"),
     POSE_SOURCE: ("pose", "rejected", 1, "it contradicts the estimate, or repeats itself"),
     VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
-    BODY_VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
+    BODY_VELOCITY_SOURCE: ("body_velocity", "rejected", 1, "it contradicts the estimate"),
 }
 _UNUSED = {
     CONTRADICTED: "it contradicts the estimate",
@@ -46,11 +47,16 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
         BAROMETER_SOURCE: {"offset_m": float(c["nav"]["baro_offset"]), "soffset_m": sigma(BARO_OFFSET)},
     }
     heading = c["heading_aid"]
-    if heading["boresight_variance"] > 0.0:
+    if (variance := float(c["cov"]["boresight_covariance"][HEADING_BORESIGHT, HEADING_BORESIGHT])) > 0.0:
         found[HEADING_SOURCE] = {
             "boresight_deg": math.degrees(heading["boresight"]),
-            "sboresight_deg": math.degrees(math.sqrt(heading["boresight_variance"])),
+            "sboresight_deg": math.degrees(math.sqrt(variance)),
         }
+    for name, angle, variance in velocity_mounting(c):
+        key = name.removeprefix("velocity_") + "_deg"
+        found.setdefault(BODY_VELOCITY_SOURCE, {}).update(
+            {key: math.degrees(angle), f"s{key}": math.degrees(math.sqrt(max(variance, 0.0)))}
+        )
     if heading["deviation_variance"] > 0.0:
         deviation_deg = math.degrees(math.sqrt(heading["deviation_variance"]))
         found.setdefault(HEADING_SOURCE, {})["deviation_deg"] = deviation_deg

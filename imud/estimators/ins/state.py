@@ -36,6 +36,8 @@ REPORTED_EPOCHS, UNCONFIRMED_EPOCHS, EXACT_EPOCHS = 0, 1, 2
 POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 1: east
 OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
 CONSTRAINT_AXIS = -4  # of the non-holonomic constraint
+BODY_VELOCITY_AXIS = -5  # of another system, in its own axes
+HEADING_BORESIGHT, VELOCITY_BORESIGHT, BORESIGHTS = 0, 1, 4  # error states beside P: see `boresights`
 # places in small arrays
 HORIZONTAL, VERTICAL = 0, 1  # of what a receiver's position has
 VELOCITY_NOISE, ATTITUDE_NOISE = 0, 1  # of the learned process noise

@@ -19,6 +19,8 @@ class Tuning:
     gyro_scale_psd: float
     unknown_boresight_sigma: float
     heading_boresight_psd: float
+    velocity_boresight_sigma: float
+    velocity_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
     second_order_time_s: float

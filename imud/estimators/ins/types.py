@@ -24,6 +24,7 @@ class Parameters:
     track_width: float
     pose_lever_arm: Reals
     velocity_lever_arm: Reals
+    velocity_mount: Reals
     magnetometer: int
     vehicle: int
     assumed_latency: float
@@ -60,6 +61,7 @@ class Nav:
     baro_offset: float
     gnss_velocity_bias: Reals
     gnss_lever_arm: Reals
+    velocity_mount: Reals
 
 
 class Earth:
@@ -94,6 +96,7 @@ class Imu:
 class Covariance:
     P: Floats
     boresight: Tensor
+    boresight_covariance: Tensor
 
 
 class MotionClass:
@@ -233,6 +236,7 @@ class ProcessNoise:
 
 class FaultSensitivities:
     sensitivity: Tensor
+    boresight_sensitivity: Tensor
 
 
 class Drift:
@@ -304,7 +308,6 @@ class CompassOffset:
     vector: float
     energy: float
     count: float
-    boresight_sensitivity: float
     heading_variance: float
 
 
@@ -414,7 +417,6 @@ class HeadingAid:
     distrusted: int
     agreeing_ns: int
     boresight: float
-    boresight_variance: float
     boresight_prior: float
     yaw_corrections: float
     off_ns: int
@@ -502,6 +504,8 @@ class Scratch:
     columns: Indices
     values: Floats
     transition: Transition
+    boresight_row: Reals
+    boresight_e: Reals
     fault_innovation: Reals
     learning_columns: Indices
     learning_values: Floats
@@ -549,6 +553,7 @@ class Snapshot:
     magnetometer: Magnetometer
     pose: ExternalAid
     external_velocity: ExternalAid
+    body_velocity: ExternalAid
     odometer: Odometer
     wheel_check: WheelCheck
 
@@ -578,6 +583,7 @@ class Core:
     magnetometer: Magnetometer
     pose: ExternalAid
     external_velocity: ExternalAid
+    body_velocity: ExternalAid
     odometer: Odometer
     wheel_check: WheelCheck
     scratch: Scratch

@@ -73,6 +73,8 @@ function sources(news) {
     const found = [its.scale && `scale ${its.scale.toFixed(4)} ± ${its.sscale.toPrecision(1)}`,
       its.offset_m != null && `offset ${its.offset_m.toFixed(1)} ± ${its.soffset_m.toPrecision(2)} m`,
       its.boresight_deg != null && `boresight ${its.boresight_deg.toFixed(1)} ± ${its.sboresight_deg.toPrecision(1)}°`,
+      ...["roll", "pitch", "yaw"].map((angle) => [angle, its[`mount_${angle}_deg`], its[`smount_${angle}_deg`]])
+        .map(([angle, deg, sigma]) => deg != null && `${angle} ${deg.toFixed(1)} ± ${sigma.toFixed(1)}°`),
       its.deviation_deg != null && `deviates by ${its.deviation_deg.toFixed(1)}°`,
       its.late_s != null && `${its.late_s < 0 ? "early" : "late"} by ${Math.abs(its.late_s).toFixed(2)} s`].filter(Boolean).join(", ");
     const ratio = its.ratio == null ? "" : `ratio ${its.ratio.toPrecision(2)}`;

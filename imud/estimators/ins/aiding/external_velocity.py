@@ -4,8 +4,10 @@ z = v_m - v - C_nb (w x l), in m/s, NED, or z = v_m - C_nb' v - w x l, in the bo
 the IMU, in the body. A relative motion is the velocity in the body at the middle of its time. A measurement has
 value[0:3]: the components, m/s, NaN where they are not known, and their sigma[0:3], NaN where it is not reported.
 
-Gate, repetition and time are as those of an external pose. The scale and the axes of such systems are wrong by some
-percent, a lasting error in proportion to the speed.
+Gate, repetition and time are as those of an external pose. The scale of such systems is wrong by some percent, a
+lasting error in proportion to the speed; of velocities in NED so are the axes. How a sensor that measures in its own
+axes is turned is estimated (`boresights`): v_m = C_bs' (C_nb' v + w x l). If most of its velocities are rejected, what
+was known of that is forgotten, as it may have been mounted otherwise than the settings say, or turned on the way.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
-from ....math.rotation import Vector
+from ....math.rotation import Vector, cross, quat_rotate, quat_rotate_back
 from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import (
@@ -28,16 +30,23 @@ from ...records import (
     VELOCITY_SOURCE,
 )
 from ...tuning import Tunable
+from ..boresights import (
+    begin_velocity_boresight,
+    boresight_part,
+    forget_velocity_boresight,
+    sensor_axes,
+    set_velocity_row,
+)
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3
 from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_innovation
 from ..lever_arm import arm_velocity_b, attitude_row, gyro_bias_row
-from ..mechanization import body_to_ned, ned_to_body, rotation_matrix
-from ..state import ATTITUDE, GYRO_BIAS, OTHER_AXIS, VELOCITY
+from ..mechanization import body_to_ned, ned_to_body
+from ..state import ATTITUDE, BODY_VELOCITY_AXIS, GYRO_BIAS, OTHER_AXIS, VELOCITY
 from .external_aid import is_new, others_of_error, time_since_last
 
 if TYPE_CHECKING:
     from ...types import Innovation, Measurement
-    from ..types import Core, Parameters
+    from ..types import Core, ExternalAid, Parameters
 
 _SPEED, _SIGMA = Column(1.0, -1000.0, 1000.0), Column(1.0, 1e-3, 100.0)
 NED_SOURCE = AidingSource(
@@ -104,7 +113,7 @@ def predicted_velocity(p: Parameters, c: Core, m: Measurement) -> Vector:
         c.nav.v_n[1] + v[1] + a[1] * ahead_s,
         c.nav.v_n[2] + v[2] + a[2] * ahead_s,
     )
-    return ned_to_body(c, ned) if m.kind == BODY_VELOCITY_SOURCE else ned
+    return quat_rotate_back(sensor_axes(c), ned_to_body(c, ned)) if m.kind == BODY_VELOCITY_SOURCE else ned
 
 
 @kernel
@@ -115,50 +124,78 @@ def external_velocity_jacobian(p: Parameters, c: Core, m: Measurement, i: int) -
         k = set_jacobian(c, 0, VELOCITY + i, 1.0)
         k = set_jacobian3(c, k, ATTITUDE, attitude_row(body_to_ned(c, arm_velocity_b(c, arm)), i))
         return set_jacobian3(c, k, GYRO_BIAS, gyro_bias_row(c, arm, i))
-    C_nb, v = rotation_matrix(c), c.nav.v_n
-    u = (C_nb[i], C_nb[3 + i], C_nb[6 + i])  # axis i of the body in NED: v_i = u' v, changed by (u x v)' phi
+    axis = quat_rotate(sensor_axes(c), (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0))
+    u = body_to_ned(c, axis)  # the sensor's axis in NED: v_i = u' v, changed by (u x v)' phi
     k = set_jacobian3(c, 0, VELOCITY, u)
-    cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-    k = set_jacobian3(c, k, ATTITUDE, cross)
-    return set_jacobian3(c, k, GYRO_BIAS, attitude_row_of_arm(arm[0], arm[1], arm[2], i))
+    k = set_jacobian3(c, k, ATTITUDE, cross(u, (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2])))
+    return set_jacobian3(c, k, GYRO_BIAS, cross(axis, (arm[0], arm[1], arm[2])))
 
 
 @kernel
-def attitude_row_of_arm(x: float, y: float, z: float, i: int) -> Vector:
-    """Component i of l x bias by the error of the gyro bias, in the body."""
-    row = attitude_row((x, y, z), i)  # of bias x l
-    return -row[0], -row[1], -row[2]
+def check_share(p: Parameters, g: ExternalAid, passed: bool, dt: float) -> bool:
+    """Whether enough of the velocities have passed the gate lately, this one included. dt: since the last, s."""
+    g.used_share += ((1.0 if passed else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
+    return bool(g.used_share >= p.tuning.external_velocity_min_share)
+
+
+@kernel
+def error_of_component(p: Parameters, c: Core, m: Measurement, v: Vector, i: int) -> tuple[float, float]:
+    """Variances of component i, (m/s)^2: of its scale; of what is not linear in the angles of the sensor.
+
+    v: the predicted velocity. The scale of a sensor with axes of its own changes no more than the size of each; of
+    others it stands for an error of their axes, too. Sets the row of the boresights.
+    """
+    scale2 = p.tuning.external_velocity_scale**2
+    if m.kind == BODY_VELOCITY_SOURCE:
+        return scale2 * v[i] * v[i], set_velocity_row(c, v, i)
+    return scale2 * (v[0] ** 2 + v[1] ** 2 + v[2] ** 2), 0.0
 
 
 @kernel
 def fuse_external_velocity(p: Parameters, c: Core, m: Measurement, innovations: list[Innovation]) -> int:
     """Gate and fuse a velocity while navigating; returns the rows of innovations."""
-    g, body = c.external_velocity, m.kind == BODY_VELOCITY_SOURCE
-    first = EXTERNAL_VX if body else EXTERNAL_VN
+    if m.kind == VELOCITY_SOURCE:
+        return fuse_velocity(p, c, c.external_velocity, m, innovations)
+    begin_velocity_boresight(p, c)
+    n = fuse_velocity(p, c, c.body_velocity, m, innovations)
+    if c.body_velocity.used_share < p.tuning.external_velocity_min_share:
+        forget_velocity_boresight(c)
+    return n
+
+
+@kernel
+def fuse_velocity(p: Parameters, c: Core, g: ExternalAid, m: Measurement, innovations: list[Innovation]) -> int:
+    """The same with the record of its kind."""
+    body = m.kind == BODY_VELOCITY_SOURCE
+    first, measured = (EXTERNAL_VX, BODY_VELOCITY_AXIS) if body else (EXTERNAL_VN, OTHER_AXIS)
     if not is_new(g, m):
         return write_innovation(innovations, 0, m.t_ns, first, math.nan, math.nan, False)
     v, a = predicted_velocity(p, c, m), c.imu.accel_n
-    speed2, accel2 = v[0] ** 2 + v[1] ** 2 + v[2] ** 2, a[0] ** 2 + a[1] ** 2 + a[2] ** 2
-    scale = p.tuning.external_velocity_scale**2 * speed2
-    timing = (p.tuning.external_velocity_time_sigma**2 + c.scratch.age_variance) * accel2
+    timing = (p.tuning.external_velocity_time_sigma**2 + c.scratch.age_variance) * (a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.external_velocity_correlation_s)
-    lasting = others_of_error(dt, p.tuning.external_velocity_scale_s) * scale
+    others_of_scale = others_of_error(dt, p.tuning.external_velocity_scale_s)
     used = True
     for i in range(3):
-        z, s = m.value[i] - v[i], innovation_variance(c, external_velocity_jacobian(p, c, m, i))
+        length = external_velocity_jacobian(p, c, m, i)
+        z, s = m.value[i] - v[i], innovation_variance(c, length)
+        scale, turned = error_of_component(p, c, m, v, i)
+        if body:
+            s += boresight_part(c, length)
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
-        used = used and not z * z > p.tuning.external_velocity_gate * (s + sigma * sigma + scale + timing)
-    g.used_share += ((1.0 if used else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
-    used = used and g.used_share >= p.tuning.external_velocity_min_share
+        used = used and not z * z > p.tuning.external_velocity_gate * (s + sigma * sigma + scale + turned + timing)
+    used = check_share(p, g, used, dt) and used
     n = 0
     for i in range(3):
         if not math.isfinite(m.value[i]):
             continue
+        v = predicted_velocity(p, c, m)  # the sensor's axes have changed with the component before
+        length = external_velocity_jacobian(p, c, m, i)
+        scale, turned = error_of_component(p, c, m, v, i)
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
-        r = sigma * sigma + timing
-        length, gate = external_velocity_jacobian(p, c, m, i), NO_GATE if used else REJECT
-        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, others * r + lasting, gate, OTHER_AXIS)
+        r = sigma * sigma + timing + turned
+        shared, gate = others * r + others_of_scale * scale, NO_GATE if used else REJECT
+        z, s, _ = correlated_update(c, length, m.value[i] - v[i], r + scale, shared, gate, measured)
         n = write_innovation(innovations, n, m.t_ns, first + i, z, s, used)
     if used:
         correct_state(p, c)

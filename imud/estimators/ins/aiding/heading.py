@@ -19,10 +19,16 @@ from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
 from ...tuning import Tunable
+from ..boresights import (
+    begin_boresight,
+    forget_boresight,
+    prior_variance,
+    set_heading_row,
+    widen_unused_boresight,
+)
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..glr_tests.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
-from ..heading_boresight import begin_boresight, forget_boresight, prior_variance, widen_unused_boresight
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
 from .heading_deviation import learn_deviation
@@ -183,6 +189,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
         begin_boresight(p, c)
     deviation = c.heading_aid.deviation_variance
     shared = others * (r + deviation + rate * rate * c.scratch.age_variance)
+    set_heading_row(c)
     z, s, nis = correlated_update(c, length, off, r + timing + deviation, shared, gate, COMPASS_AXIS)
     used = nis >= 0.0
     if used:

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..boresights import add_boresight_variance, set_opened_variance
 from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian3
-from ..heading_boresight import add_boresight_variance, set_opened_variance
 from ..mechanization import ned_to_body, wrap_angle
 from ..noise_density import attitude_psd
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_SCALE, NEVER_NS

@@ -136,7 +136,6 @@ HEADING_AID = np.dtype(
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading that was fused from it
         ("agreeing_ns", "<i8"),  # since when it has agreed again
         ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
-        ("boresight_variance", "<f8"),  # rad^2; 0 while no headings are used
         ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
         ("yaw_corrections", "<f8"),  # rad, sum of all corrections of the yaw
         ("off_ns", "<i8"),  # epoch of the last heading that did not repeat the one before

@@ -86,7 +86,8 @@ def motion(p: Parameters, m: Measurement, nav: Nav, imu: Imu, cos_lat: float) ->
         return SEMI_MAJOR_M * (nav.lat - m.value[LAT_VALUE]) + arm[0], SEMI_MAJOR_M * east + arm[1], turn
     v = quat_rotate_back(q, (nav.v_n[0], nav.v_n[1], nav.v_n[2]))
     if m.kind == BODY_VELOCITY_SOURCE:
-        return v[0], 0.0, 0.0
+        q = (nav.velocity_mount[0], nav.velocity_mount[1], nav.velocity_mount[2], nav.velocity_mount[3])
+        return quat_rotate_back(q, v)[0], 0.0, 0.0
     wheel, w = p.odometer_lever_arm, imu.rate_b
     f = (nav.forward[0], nav.forward[1], nav.forward[2])
     turned = (

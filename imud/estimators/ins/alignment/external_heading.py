@@ -8,9 +8,9 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ..aiding.heading import check_turns, contradicts_itself, distrust_compass, fuse_heading, heading_of, sigma_of
+from ..boresights import begin_boresight, share_boresight
 from ..ekf import decorrelate
 from ..glr_tests.compass_offset import open_compass_offset
-from ..heading_boresight import begin_boresight, share_boresight
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading

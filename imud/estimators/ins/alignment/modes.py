@@ -24,13 +24,13 @@ from ....compile.jit import kernel
 from ....math.rotation import quat_of_gravity
 from ...tuning import Tunable
 from ..aiding.non_holonomic import reset_nhc
+from ..boresights import forget_velocity_boresight, share_boresight
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
 from ..glr_tests.compass_offset import close_compass_offset
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.velocity_drift import reset_confirmations
-from ..heading_boresight import share_boresight
 from ..lever_arm import (
     antenna_position,
     antenna_velocity,
@@ -105,6 +105,8 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     c.alignment.mode = NEXT_MODE[row]
     reset_glr_tests(c)
     reset_confirmations(c)
+    if NEXT_MODE[row] == COARSE_ALIGNMENT:
+        forget_velocity_boresight(c)
     if actions & RESET_HEADING:
         c.alignment.heading_sigma = 0.0
         close_compass_offset(c)

@@ -1,12 +1,12 @@
 """GLR test for a compass that shows a wrong heading, and whether motion has confirmed a heading that was given.
 
 A compass may be mounted wrong, near iron or in other units, and a user may be mistaken: headings then differ by an
-offset d from the true ones, a fault of `fault_sensitivity`, and the error of the boresight (`heading_boresight`) by
-v d, from v = 1 on. Least squares over the innovations of the fixes of the last `compass_offset_memory_s`, used or not,
-gives d. Its chi-square is divided by the mean square of the residuals where that is above 1. A heading is confirmed
-once d is known to be small, or, of a compass, its sigma and what d does to it, and the residuals as expected. Until
-then a contradiction is the heading's, not the receiver's: no drift or step of its time tags is looked for, and few
-rejected velocities (`unconfirmed_velocity_rejects`) or large residuals (`contradicted_residual`) end the heading.
+offset d from the true ones, a fault of `fault_sensitivity`. Least squares over the innovations of the fixes of the last
+`compass_offset_memory_s`, used or not, gives d. Its chi-square is divided by the mean square of the residuals where
+that is above 1. A heading is confirmed once d is known to be small, or, of a compass, its sigma and what d does to it,
+and the residuals as expected. Until then a contradiction is the heading's, not the receiver's: no drift or step of its
+time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) or large residuals
+(`contradicted_residual`) end the heading.
 
 When an offset is detected, the fault is removed. The effect of a large one is not linear, and that of an offset that
 varies, as near iron, is another: the heading then has to be found anew.
@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..boresights import heading_boresight_variance, set_opened_variance, widen_boresight_prior
 from ..ekf import variance
-from ..heading_boresight import set_opened_variance, widen_boresight, widen_boresight_prior
-from ..state import ATTITUDE, COMPASS_FAULT, NEVER_NS, POSITION_AXIS, STATES
-from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
+from ..state import ATTITUDE, BORESIGHTS, COMPASS_FAULT, HEADING_BORESIGHT, NEVER_NS, POSITION_AXIS, STATES
+from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_boresight_sensitivity, set_sensitivity
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -95,7 +95,6 @@ def open_compass_offset(c: Core, given: bool) -> None:
     g.information = g.vector = g.energy = g.count = g.heading_variance = g.turn_variance = 0.0
     open_column(c, COMPASS_FAULT)
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)
-    g.boresight_sensitivity = 1.0
     if given:
         set_opened_variance(c, 0.0)
 
@@ -124,7 +123,7 @@ def is_unconfirmed(c: Core) -> bool:
 def is_measured(c: Core) -> bool:
     """Whether a compass or a pose gave the heading, and motion has not confirmed it yet."""
     by_pose = c.pose.yaw_ns != NEVER_NS
-    return bool(is_unconfirmed(c) and (c.heading_aid.boresight_variance > 0.0 or by_pose))
+    return bool(is_unconfirmed(c) and (heading_boresight_variance(c) > 0.0 or by_pose))
 
 
 @kernel
@@ -139,14 +138,6 @@ def add_to_compass_offset(p: Parameters, c: Core, z: float, s: float, axis: int)
     g.vector += weight * hw * z / s
     g.energy += weight * z * z / s
     g.count += weight
-
-
-@kernel
-def update_boresight_sensitivity(c: Core, s: float, e: float) -> None:
-    """v before the scalar update that follows, of variance s; e: covariance of the innovation with the boresight."""
-    g = c.compass_offset
-    if g.onset_ns != NEVER_NS:
-        g.boresight_sensitivity -= c.scratch.fault_innovation[COMPASS_FAULT] / s * e
 
 
 @kernel
@@ -189,7 +180,7 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     if shown:
         g.turn_variance = 0.0  # the fixes have shown the heading itself
     possible = abs(d) + 2.0 * sigma
-    if c.heading_aid.boresight_variance > 0.0:  # which takes most of an offset
+    if heading_boresight_variance(c) > 0.0:  # which takes most of an offset
         possible *= abs(c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT]) if shown else math.inf
     if settled and possible < p.tuning.confirmed_offset:
         g.unconfirmed = 0
@@ -212,24 +203,28 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
 def estimate_wide_boresight(p: Parameters, c: Core) -> bool:
     """After a fix: gather in scratch.x what an unknown boresight would have made of its innovations, if they show it.
 
-    A boresight that was stated, and is contradicted, is an offset d of known sigma. Its estimate by the innovations is
-    taken out of the states, and what is left of d is part of P, C and M, as if it had been unknown from the start.
+    A boresight that was stated, and is contradicted, is an offset d of known sigma, by which b is too small. Its
+    estimate by the innovations is taken out of the states, and what is left of d is part of P, C and M, as if it had
+    been unknown from the start.
     """
     g = c.compass_offset
     chi2 = chi2_beyond(g.information, g.vector, g.energy, g.count)
-    if g.onset_ns == NEVER_NS or c.heading_aid.boresight_variance == 0.0 or chi2 < p.tuning.wide_boresight_chi2:
+    if g.onset_ns == NEVER_NS or heading_boresight_variance(c) == 0.0 or chi2 < p.tuning.wide_boresight_chi2:
         return False
     added = widen_boresight_prior(p, c)
     if added == 0.0:
         return False
     information = g.information + 1.0 / added
     d = g.vector / information
+    v = c.faults.boresight_sensitivity
+    set_boresight_sensitivity(c, HEADING_BORESIGHT, COMPASS_FAULT, v[HEADING_BORESIGHT, COMPASS_FAULT] - 1.0)
     remove_fault(c, COMPASS_FAULT, d, 1.0 / math.sqrt(information))
-    widen_boresight(c, g.boresight_sensitivity, d, 1.0 / information)
     rest = 1.0 / (added * information)  # of an offset, what is not taken out
     for i in range(STATES):
         set_sensitivity(c, i, COMPASS_FAULT, rest * c.faults.sensitivity[i, COMPASS_FAULT])
-    g.boresight_sensitivity *= rest
+    for j in range(BORESIGHTS):
+        set_boresight_sensitivity(c, j, COMPASS_FAULT, rest * v[j, COMPASS_FAULT])
+    set_boresight_sensitivity(c, HEADING_BORESIGHT, COMPASS_FAULT, v[HEADING_BORESIGHT, COMPASS_FAULT] + 1.0)
     g.information = g.vector = g.energy = g.count = g.heading_variance = 0.0
     return True
 

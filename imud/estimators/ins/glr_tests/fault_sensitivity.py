@@ -13,11 +13,12 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | DRIFT_FAULT          | 2           | drift of positions north, east, m/s             | 0                    | time since the onset for a position |
 | TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s             | -1: time offset      | 0                                   |
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
-| COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading, less its boresight |
+| COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
 | CURRENT_FAULT        | 2           | current north, east, m/s                        | 0                    | minus the axis, for the constraint  |
 | VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
-Once a fault is found, x -= V d removes what it has done, and P += sigma^2 V V' states how well d is known.
+V has rows for the boresights (`boresights`), too. Once a fault is found, x -= V d removes what it has done, and
+P += sigma^2 V V' states how well d is known.
 
 Source: Friedland, Treatment of bias in recursive filtering (1969); Willsky and Jones, A generalized likelihood ratio
 approach to the detection and estimation of jumps in linear systems (1976).
@@ -28,9 +29,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel, unrolled
+from ..boresights import boresight_count, has_boresight, remove_drift_from_boresights
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..state import (
+    BORESIGHTS,
     COMPASS_AXIS,
     COMPASS_FAULT,
     CONSTRAINT_AXIS,
@@ -56,6 +59,8 @@ def open_column(c: Core, column: int) -> None:
     """A fault may begin now: it has not done anything yet."""
     for i in range(STATES):
         c.faults.sensitivity[i, column] = 0.0
+    for j in range(BORESIGHTS):
+        c.faults.boresight_sensitivity[j, column] = 0.0
 
 
 @kernel
@@ -63,6 +68,8 @@ def copy_column(c: Core, source: int, target: int) -> None:
     """Column `target` becomes column `source`."""
     for i in range(STATES):
         c.faults.sensitivity[i, target] = c.faults.sensitivity[i, source]
+    for j in range(BORESIGHTS):
+        c.faults.boresight_sensitivity[j, target] = c.faults.boresight_sensitivity[j, source]
 
 
 @kernel
@@ -72,9 +79,23 @@ def set_sensitivity(c: Core, i: int, column: int, value: float) -> None:
 
 
 @kernel
+def set_boresight_sensitivity(c: Core, j: int, column: int, value: float) -> None:
+    """V of boresight j, of a fault that begins now."""
+    c.faults.boresight_sensitivity[j, column] = value
+
+
+@kernel
 def all_in_use(c: Core) -> bool:
     """Whether all columns are: most vehicles have no wheels, which those of VELOCITY_DRIFT_FAULT need."""
     return bool(c.velocity_drift.onset_ns[0] != NEVER_NS)
+
+
+@kernel
+def columns_in_use(c: Core) -> int:
+    """How many columns of V are followed at an update."""
+    if all_in_use(c):
+        return FAULTS
+    return VELOCITY_DRIFT_FAULT if c.nhc.enabled else CURRENT_FAULT
 
 
 @kernel
@@ -113,9 +134,10 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
     elif axis == CONSTRAINT_AXIS:
         for i in range(2):  # the Jacobian begins with the velocity's
             c.scratch.fault_innovation[CURRENT_FAULT + i] -= c.scratch.values[i]
-    elif axis <= HEADING_AXIS and c.compass_offset.onset_ns != NEVER_NS:
-        b = c.compass_offset.boresight_sensitivity if axis == COMPASS_AXIS else 1.0
-        c.scratch.fault_innovation[COMPASS_FAULT] += b
+    elif axis in (HEADING_AXIS, COMPASS_AXIS) and c.compass_offset.onset_ns != NEVER_NS:
+        c.scratch.fault_innovation[COMPASS_FAULT] += 1.0
+    if has_boresight(axis):
+        predict_from_boresights(c)
 
 
 @unrolled
@@ -130,6 +152,15 @@ def predict_from_errors(c: Core, length: int, columns: int) -> None:
 
 
 @kernel
+def predict_from_boresights(c: Core) -> None:
+    """-B V, what the errors of the boresights do to an innovation."""
+    for j in range(boresight_count(c)):
+        for k in range(columns_in_use(c)):
+            change = c.scratch.boresight_row[j] * c.faults.boresight_sensitivity[j, k]
+            c.scratch.fault_innovation[k] -= change
+
+
+@kernel
 def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float) -> None:
     """b of a drift since an onset: the time since then for a position, of_velocity for a velocity."""
     if onset_ns == NEVER_NS:
@@ -139,8 +170,12 @@ def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float
 
 
 @kernel
-def update_sensitivities(c: Core) -> None:
-    """V <- V + K (b - h V) before the scalar update that follows, whose gain is in scratch."""
+def update_sensitivities(c: Core, s: float) -> None:
+    """V <- V + K (b - h V) before the scalar update that follows, of variance s, whose gain is in scratch."""
+    for j in range(boresight_count(c)):
+        gain = c.scratch.boresight_e[j] / s
+        for k in range(columns_in_use(c)):
+            c.faults.boresight_sensitivity[j, k] += gain * c.scratch.fault_innovation[k]
     if all_in_use(c):
         follow_update(c, FAULTS)
     elif c.nhc.enabled:
@@ -160,11 +195,7 @@ def follow_update(c: Core, columns: int) -> None:
 @kernel
 def remove_fault(c: Core, column: int, d: float, sigma: float) -> None:
     """Gather in scratch.x the correction for a fault of size d, and add its variance, of this sigma, to P."""
-    v, s2 = c.faults.sensitivity, sigma * sigma
-    for i in range(STATES):
-        add_correction(c, i, -v[i, column] * d)
-        for k in range(i, STATES):
-            add_covariance(c, i, k, s2 * v[i, column] * v[k, column])
+    remove_drift(c, column, (d, 0.0), sigma * sigma, 0.0, 0.0)
 
 
 @kernel
@@ -177,6 +208,7 @@ def remove_drift(c: Core, column: int, d: tuple[float, float], nn: float, ne: fl
         b = ne * v[i, column] + ee * v[i, column + 1]
         for k in range(i, STATES):
             add_covariance(c, i, k, a * v[k, column] + b * v[k, column + 1])
+    remove_drift_from_boresights(c, column, d, nn, ne, ee)
 
 
 @kernel

@@ -2,10 +2,13 @@
 
 import numpy as np
 
-from ..state import FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
+from ..state import BORESIGHTS, FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
 
 FAULT_SENSITIVITIES = np.dtype(
-    [("sensitivity", "<f8", (STATES, FAULTS))],  # error of the estimate per unit of each fault
+    [
+        ("sensitivity", "<f8", (STATES, FAULTS)),  # error of the estimate per unit of each fault
+        ("boresight_sensitivity", "<f8", (BORESIGHTS, FAULTS)),  # the same of the boresights
+    ],
     align=True,
 )
 
@@ -66,7 +69,6 @@ COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading 
         ("vector", "<f8"),  # 1/rad, information times offset
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<f8"),  # number of these
-        ("boresight_sensitivity", "<f8"),  # error of the boresight, rad per rad
         ("heading_variance", "<f8"),  # rad^2, beyond P: of an offset that is likely but not detected
     ],
     align=True,

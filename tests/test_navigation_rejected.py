@@ -1,13 +1,19 @@
-"""A rejected position is part of the stated sigma where only the IMU supports the estimate, which may be wrong."""
+"""A rejected position is part of the stated sigma where only the IMU supports the estimate, which may be wrong.
+
+After an outage it is as likely to be wrong as the receiver, and what has grown with the error is corrected with it.
+"""
 
 import numpy as np
+import pytest
 from navigation_runner import navigate, without
-from test_navigation_faults import at, data, moved
+from navigation_simulation import Later, drive, errors, received, sensed
+from test_navigation_faults import RATE, START, at, data, moved
 
 from imud.estimators.records import REJECTING
 
-OUTAGE = (100.0, 112.5)  # s; the next fix is at 113 s and contradicts the estimate
-REJECTED_S = 113.7
+OUTAGE = (100.0, 103.5)  # s; the next fix is at 104 s and contradicts the estimate
+LONG_OUTAGE = (100.0, 112.5)
+AFTER_S = 1.2  # from the end of an outage until a fix has been rejected
 METRES = 40.0
 
 
@@ -18,17 +24,17 @@ def without_velocity(fixes):
     return fixes
 
 
-def solutions(fixes):
-    """Solutions of a drive with an outage, without and with a jump of the positions north after it."""
+def solutions(fixes, outage=OUTAGE):
+    """Solutions of a drive with an outage, without and with a jump of two positions north after it."""
     samples = data()[0]
-    fixes = without(fixes, [(100.0 + OUTAGE[0], 100.0 + OUTAGE[1], 0)])
-    return navigate(samples, fixes)[0], navigate(samples, moved(fixes, OUTAGE[1], 115.0, METRES))
+    fixes = without(fixes, [(100.0 + outage[0], 100.0 + outage[1], 0)])
+    return navigate(samples, fixes)[0], navigate(samples, moved(fixes, outage[1], outage[1] + 2.5, METRES))
 
 
 def test_a_rejected_position_widens_the_stated_sigma_by_the_velocity_that_explains_it():
     clean, (out, rows, _) = solutions(without_velocity(data()[1]))
     position = rows[rows["kind"] == 0]
-    k = at(REJECTED_S)
+    k = at(OUTAGE[1] + AFTER_S)
     used = position[(position["used"] == 1) & (position["t_ns"] < out["t_ns"][at(OUTAGE[1])])]["t_ns"][-1]
     last = position[(position["used"] == 0) & (position["t_ns"] <= out["t_ns"][k])]["t_ns"][-1]
     assert out["status"][k] & REJECTING
@@ -37,12 +43,53 @@ def test_a_rejected_position_widens_the_stated_sigma_by_the_velocity_that_explai
     velocity = min(METRES / outage_s, np.hypot(0.25, 0.05 * speed))
     for field, error in (("sigma_p", velocity * since_s), ("sigma_v", velocity)):
         before = out[field][at(OUTAGE[1]), 0]
-        assert np.hypot(error, before) < out[field][k, 0] < 1.2 * np.hypot(error, before), field
-    assert (out["sigma_p"][at(118.0), :2] < 1.2 * clean["sigma_p"][at(118.0), :2] + 1.0).all()
+        assert error < out[field][k, 0] < 1.2 * np.hypot(error, before), field
+    assert (out["sigma_p"][at(OUTAGE[1] + 5.5), :2] < 1.2 * clean["sigma_p"][at(OUTAGE[1] + 5.5), :2] + 1.0).all()
 
 
 def test_a_rejected_position_is_not_stated_where_the_receiver_s_velocity_supports_the_estimate():
     clean, (out, _, _) = solutions(data()[1])
-    assert out["status"][at(REJECTED_S)] & REJECTING
+    assert out["status"][at(OUTAGE[1] + AFTER_S)] & REJECTING
     for field in ("sigma_p", "sigma_v"):
-        assert (out[field][at(REJECTED_S)] < 1.5 * clean[field][at(REJECTED_S)]).all(), field
+        assert (out[field][at(OUTAGE[1] + AFTER_S)] < 1.5 * clean[field][at(OUTAGE[1] + AFTER_S)]).all(), field
+
+
+def test_after_an_outage_a_rejected_position_widens_all_that_has_grown_with_its_error():
+    for fixes in (data()[1], without_velocity(data()[1])):
+        clean, (out, _, _) = solutions(fixes, LONG_OUTAGE)
+        k = at(LONG_OUTAGE[1] + AFTER_S)
+        assert out["status"][k] & REJECTING
+        assert METRES / 2.0 < out["sigma_p"][k, 0] < 2.0 * METRES
+        for field in ("sigma_v", "sigma_rpy"):
+            assert (out[field][k] > 2.0 * clean[field][k]).all(), field
+        later = at(LONG_OUTAGE[1] + 15.0)
+        assert (out["sigma_p"][later, :2] < 1.5 * clean["sigma_p"][later, :2]).all()
+
+
+FAULTS = {"gyro z": ("w", 2, np.radians(0.3)), "forward force": ("f", 0, 0.4)}  # rad/s, m/s^2; in the outage
+RTK = {"sigma": 0.01, "white": 0.01, "speed_sigma": 0.03}
+
+
+def wrong_and_sure_s(fault, receiver, has_velocity, seed):
+    """Seconds for which the position is, after an outage in which the IMU has a fault."""
+    rng = np.random.default_rng(seed)
+    begin, length = rng.uniform(55.0, 85.0), rng.uniform(8.0, 30.0)
+    d = Later(drive, 160.0)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, **receiver)
+    if receiver:
+        fixes["sigma"] = 0.02
+    if not has_velocity:
+        fixes = without_velocity(fixes)
+    field, axis, error = FAULTS[fault]
+    samples[field][at(begin) : at(begin + length), axis] += error
+    out, _, _ = navigate(samples, without(fixes, [(100.0 + begin, 100.0 + begin + length, 0)]), None, START)
+    after = slice(at(begin + length + 1.0), None)
+    p, sigma = errors(d, out)[0][after, :2], out["sigma_p"][after, :2]
+    return ((np.abs(p) > 4.0 * sigma).any(axis=1) & (np.hypot(*p.T) > 5.0)).sum() / RATE
+
+
+@pytest.mark.parametrize("has_velocity", [False, True])
+@pytest.mark.parametrize("receiver", [RTK, {}], ids=["rtk", "single"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_outage_in_which_the_imu_errs_more_than_stated_is_not_blamed_on_the_receiver(fault, receiver, has_velocity):
+    assert sum(wrong_and_sure_s(fault, receiver, has_velocity, seed) for seed in range(6)) < 3.0

@@ -90,6 +90,13 @@ def add_variance(c: Core, i: int, q: float) -> None:
 
 
 @kernel
+def inflate(c: Core, factor: float) -> None:
+    """P *= factor >= 1: all errors are larger than stated, in the same proportion, and the correlations stay."""
+    for k in range(STATES * (STATES + 1) // 2):
+        c.cov.P[k] *= factor
+
+
+@kernel
 def add_covariance(c: Core, i: int, k: int, q: float) -> None:
     """P[i, k] += q."""
     c.cov.P[packed_index(STATES, i, k)] += q

@@ -133,7 +133,7 @@ def open_discrepancy(p: Parameters, c: Core, axis: int) -> tuple[float, float]:
 @kernel
 def state_sigmas(p: Parameters, c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
-    stated = c.scratch.stated_variances
+    stated, inflation = c.scratch.stated_variances, 1.0 + c.integrity.rejected_inflation
     changed = False
     for i in range(3):
         added_p, added_v = likely_drift(c, i)
@@ -143,7 +143,8 @@ def state_sigmas(p: Parameters, c: Core) -> None:
         added_v = max(added_v, open_v)
         added_p = max(added_p, open_p)
         added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
-        p2, v2 = max(variance(c, POSITION + i), 0.0) + added_p, max(variance(c, VELOCITY + i), 0.0) + added_v
+        p2 = inflation * max(variance(c, POSITION + i), 0.0) + added_p
+        v2 = inflation * max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
         changed |= (p2 != stated[i]) | (v2 != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
         stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p2, v2, bg, ba
@@ -174,15 +175,15 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.sigma_p[i] = sigmas[i] if known else math.nan
         o.sigma_v[i] = sigmas[3 + i] if known else math.nan
         o.sigma_bg[i], o.sigma_ba[i] = sigmas[6 + i], sigmas[9 + i]
-    a = ATTITUDE
+    a, inflation = ATTITUDE, 1.0 + c.integrity.rejected_inflation
     rpy = euler_variances(
         (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]),
-        c.cov.P[packed_index(STATES, a, a)],
-        c.cov.P[packed_index(STATES, a, a + 1)],
-        c.cov.P[packed_index(STATES, a, a + 2)],
-        c.cov.P[packed_index(STATES, a + 1, a + 1)],
-        c.cov.P[packed_index(STATES, a + 1, a + 2)],
-        c.cov.P[packed_index(STATES, a + 2, a + 2)]
+        inflation * c.cov.P[packed_index(STATES, a, a)],
+        inflation * c.cov.P[packed_index(STATES, a, a + 1)],
+        inflation * c.cov.P[packed_index(STATES, a, a + 2)],
+        inflation * c.cov.P[packed_index(STATES, a + 1, a + 1)],
+        inflation * c.cov.P[packed_index(STATES, a + 1, a + 2)],
+        inflation * c.cov.P[packed_index(STATES, a + 2, a + 2)]
         + c.gyro_bias_step.heading_variance
         + c.velocity_drift.heading_variance
         + c.compass_offset.heading_variance

@@ -104,6 +104,8 @@ class Tuning:
     reset_count: int
     reset_s: float
     reset_sigmas: float
+    outage_freedom: float
+    max_inflation: float
     reset_position_sigma: float
     reset_velocity_sigma: float
     reset_heading_sigma: float

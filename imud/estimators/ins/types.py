@@ -204,6 +204,7 @@ class Integrity:
     outage_at_reject_s: float
     reject_offset: Reals
     rejected_velocity: Reals
+    rejected_inflation: float
     last_lat: float
     last_lon: float
     last_velocity: Reals

@@ -14,9 +14,9 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, decorrelate, variance
+from ..ekf import add_covariance, add_variance, decorrelate, inflate, variance
 from ..glr_tests.compass_offset import is_unconfirmed
-from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, state_detected_drift
+from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
 from ..glr_tests.reset import reset_glr_tests
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
@@ -66,6 +66,20 @@ TUNABLES = (
         "sigma",
         "Sigma of the position after a reset, in sigmas of the fix.",
         "What was rejected for long may be wrong again.",
+    ),
+    Tunable(
+        "outage_freedom",
+        4.0,
+        "",
+        "Degrees of freedom of Student's t, the distribution of the errors that grow in an outage.",
+        "Simulated outages with faults of the IMU.",
+    ),
+    Tunable(
+        "max_inflation",
+        100.0,
+        "",
+        "Largest factor by which a rejected position after an outage inflates P, instead of a reset to it.",
+        "Errors ten times as large as stated; with larger ones the correction of the tilt is not small.",
     ),
     Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside that.", "Choice."),
     Tunable(
@@ -129,9 +143,9 @@ def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
 
 
 @kernel
-def only_receiver_supports(p: Parameters, c: Core, fix: Fix) -> bool:
-    """Whether the velocity that the receiver reports supports the estimated one, and nothing else does."""
-    return reports_velocity(fix) and c.stationarity.at_rest == 0 and not wheels_support(p, c)
+def estimate_may_be_wrong(p: Parameters, c: Core) -> bool:
+    """Whether neither rest nor wheels support the velocity: if positions contradict it, either may be wrong."""
+    return c.stationarity.at_rest == 0 and not wheels_support(p, c)
 
 
 @kernel
@@ -182,17 +196,30 @@ def inertial_velocity_variance(p: Parameters, c: Core) -> float:
 
 
 @kernel
-def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float) -> None:
-    """Store the velocity error that explains the rejected position: the estimate may be wrong instead."""
+def was_coasting(p: Parameters, c: Core, outage_s: float) -> bool:
+    """Whether the filter navigated without fixes for long: the errors may have grown faster than stated."""
+    return bool(c.alignment.mode == NAVIGATING and outage_s > p.tuning.coasting_s)
+
+
+@kernel
+def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, nis: float) -> None:
+    """Store the velocity error that explains the rejected position, of this NIS: the estimate may be wrong instead.
+
+    After an outage it is as likely to be, with all errors that have grown since: the stated P is as much larger.
+    """
+    g = c.integrity
     most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))
     for i in range(2):
-        c.integrity.rejected_velocity[i] = min(abs(bias_free_innovation(c, i)) / max(outage_s, 1e-3), most)
+        g.rejected_velocity[i] = min(abs(bias_free_innovation(c, i)) / max(outage_s, 1e-3), most)
+    if was_coasting(p, c, g.outage_at_reject_s):
+        g.rejected_inflation = nis - 1.0
 
 
 @kernel
 def clear_rejection(c: Core) -> None:
     """A position is used: no rejected one contradicts the estimate."""
     c.integrity.reject_count[HORIZONTAL] = 0
+    c.integrity.rejected_inflation = 0.0
     for i in range(2):
         c.integrity.rejected_velocity[i] = 0.0
 
@@ -251,6 +278,28 @@ def reset_to_gnss(
 
 
 @kernel
+def inflate_after_outage(p: Parameters, c: Core, nis: float) -> None:
+    """At the first position after an outage, of this NIS: P is multiplied by the mean of what it was too small by.
+
+    The errors grew as those of the IMU, of which a sheet says little: they are of Student's t, given P.
+    """
+    freedom = p.tuning.outage_freedom
+    inflate(c, max((freedom + nis) / (freedom + 2.0), 1.0))
+
+
+@kernel
+def inflate_to_fix(c: Core, nis: float) -> None:
+    """Multiply P by the NIS of a position that was rejected after an outage, so that it is used.
+
+    What has grown together (position, velocity, tilt, biases) is corrected together, which a reset of the position
+    would undo. The receiver may be wrong instead, so the difference is stated as an error, as at a reset.
+    """
+    inflate(c, nis)
+    for i in range(2):
+        inflate_position(c, i, bias_free_innovation(c, i) ** 2)
+
+
+@kernel
 def allow_for_wrong_velocity(c: Core) -> None:
     """No drift of positions lasts so long: the velocity that supported the estimate was wrong, and it goes on."""
     for i in range(2):
@@ -262,29 +311,36 @@ def allow_for_wrong_velocity(c: Core) -> None:
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
+    outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     if wheels_reject(p, c):
         g.reject_count[HORIZONTAL] += 1
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         clear_detection(c)
         clear_rejection(c)
+        if was_coasting(p, c, outage_s):
+            reset_drift(c)
+            inflate_after_outage(p, c, nis)
         return True
     g.reject_count[HORIZONTAL] += 1
-    supported, outage_s = velocity_is_supported(p, c, fix), 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-    consistent_s = consistent_for(p, c, supported)
-    state_rejection(p, c, supported, outage_s)
-    either = c.drift.detected == BY_POSITIONS and only_receiver_supports(p, c, fix)
-    if either:
-        state_detected_drift(c)
     if g.reject_count[HORIZONTAL] == 1:
         g.outage_at_reject_s = outage_s
+    supported = velocity_is_supported(p, c, fix)
+    consistent_s = consistent_for(p, c, supported)
+    state_rejection(p, c, supported, outage_s, nis)
+    either = c.drift.detected == BY_POSITIONS and estimate_may_be_wrong(p, c)
+    if either:
+        state_detected_drift(c)
     if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
     if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
         return False
-    reset_to_gnss(p, c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
+    if not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
+        inflate_to_fix(c, nis)
+    else:
+        reset_to_gnss(p, c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
     if either:
         allow_for_wrong_velocity(c)
     reset_glr_tests(c)

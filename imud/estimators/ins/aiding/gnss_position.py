@@ -32,7 +32,7 @@ from ..state import (
     TIME_OFFSET,
     VELOCITY,
 )
-from .gnss_gate import gate_height, gate_position, only_receiver_supports, set_rejecting, split_excess
+from .gnss_gate import estimate_may_be_wrong, gate_height, gate_position, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
     lever_arm_rate_variance,
@@ -178,7 +178,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
         correct_state(p, c)
         mark_used(c)
         confirm_survey_epochs(p, c)
-        if c.alignment.mode == NAVIGATING and detect_drift(p, c, only_receiver_supports(p, c, fix)):
+        if c.alignment.mode == NAVIGATING and detect_drift(p, c, estimate_may_be_wrong(p, c)):
             correct_state(p, c)
         limit_position_confidence(p, c)
     set_rejecting(c)

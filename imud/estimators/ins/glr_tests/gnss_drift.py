@@ -92,7 +92,7 @@ def clear_likely_drift(c: Core) -> None:
 def state_likely_drift(c: Core, j: int, drift: tuple[float, float], either: bool) -> None:
     """Store what the likely drift north and east, m/s, since onset j adds to the stated variances.
 
-    either: instead of the positions the receiver's velocity may be wrong, by as much the other way.
+    either: instead of the positions the estimated velocity may be wrong, by as much the other way.
     """
     g, u, n = c.drift, c.faults.sensitivity, DRIFT_FAULT + 2 * j
     since_s = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
@@ -108,7 +108,7 @@ def state_likely_drift(c: Core, j: int, drift: tuple[float, float], either: bool
 
 @kernel
 def state_detected_drift(c: Core) -> None:
-    """Store what a detected drift adds to the stated variances while the receiver's velocity may be wrong instead."""
+    """Store what a detected drift adds to the stated variances while the estimated velocity may be wrong instead."""
     g = c.drift
     for i in range(2):
         g.position_variance[i] = (g.velocity[i] * 1e-9 * (c.nav.t_ns - g.since_ns)) ** 2

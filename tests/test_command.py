@@ -34,6 +34,11 @@ ROOT = Path(__file__).resolve().parent.parent
         (["--port", "/dev/x", "--estimator", "guess"], 64),
         (["--port", "/dev/x", "--listen", "0.0.0.0:0"], 78),
         (["--port", "/dev/x", "--listen", "127.0.0.1:99999"], 78),
+        (["--port", "/dev/x", "--set", "nmea.udp=127.0.0.1:10110", "--set", "aiding.listen=127.0.0.1:2950"], 0),
+        (["--port", "/dev/x", "--set", "nmea.udp=192.0.2.1:10110"], 78),
+        (["--port", "/dev/x", "--set", "nmea.udp=192.0.2.1:10110", "--set", "nmea.allow_remote=true"], 0),
+        (["--port", "/dev/x", "--set", "nmea.udp=/tmp/x"], 78),
+        (["--port", "/dev/x", "--set", "aiding.listen=0.0.0.0:2950"], 78),
         (["--port", "/dev/x", "--set", "imu.mount_rpy_deg=[inf,0,0]"], 78),
     ],
 )

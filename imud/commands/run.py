@@ -76,8 +76,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(settings: Settings) -> None:
     """The checks that need no device. Raises ConfigError, UsageError, CannotCreateError."""
+    from ..daemon import aiding_socket
     from ..daemon.corrections import address_of
     from ..outputs.addresses import addresses_of, parse_path
+    from ..outputs.nmea import udp_address
     from ..outputs.plugin import installed
     from ..recording.control import folder_trouble
     from ..setup import choices
@@ -91,6 +93,10 @@ def _check(settings: Settings) -> None:
     addresses_of(settings.gpsd)
     if settings.stream.listen:
         parse_path(settings.stream.listen)
+    if settings.nmea.udp:
+        udp_address(settings.nmea)
+    if settings.aiding.listen:
+        aiding_socket.address_of(settings.aiding.listen)
     if settings.gnss.rtcm:
         address_of(settings.gnss.rtcm)
     for name in settings.outputs:

@@ -232,7 +232,8 @@ class Devices:
             }
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
-            receiver = Receiver(driver, self._settings.gnss, now_ns, self._pulse, self._settings.aiding)
+            gnss, aiding = self._settings.gnss, self._settings.aiding
+            receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud)
             self.in_use.gnss = InUse(port, receiver)
             self._routes.record(port, receiver, now_ns)
         self._closed_spares[driver.kind].discard(port)
@@ -257,7 +258,9 @@ class Devices:
     def _use_aiding_sensor(self, port: Port, driver: GnssDriver, configured: GnssConfigured) -> None:
         """A sensor streams that has no positions, but perhaps a heading, a speed or a pressure."""
         now_ns, gnss, aiding = time.monotonic_ns(), self._settings.gnss, self._settings.aiding
-        self.in_use.aiding_sensors[port] = Receiver(driver, gnss, now_ns, aiding=aiding, positions=False)
+        self.in_use.aiding_sensors[port] = Receiver(
+            driver, gnss, now_ns, aiding=aiding, positions=False, baud=configured.identity.baud
+        )
         self._routes.record(port, self.in_use.aiding_sensors[port], now_ns)
         identity = configured.identity
         self._log.info("streaming", port=port.spec.path, device=identity.model, baud=identity.baud)

@@ -36,7 +36,7 @@ class NmeaOutput:
         self._link: Path | None = None
         try:
             if settings.udp:
-                self._udp = _connected(parse_address(settings.udp, PORT), settings.allow_remote)
+                self._udp = _connected(udp_address(settings))
             if settings.pty:
                 self._open_pty(Path(settings.pty))
         except BaseException:
@@ -118,11 +118,17 @@ def _is_locked_by_another(link: Path) -> bool:
     return False
 
 
-def _connected(address: Address, allow_remote: bool) -> socket.socket:
+def udp_address(settings: Nmea) -> Address:
+    """Where to send. Raises ConfigError, also for another machine that the settings do not allow."""
+    address = parse_address(settings.udp, PORT)
     if isinstance(address.where, str):
         raise ConfigError(f"nmea.udp: {address.text!r} is no HOST:PORT")
-    if not allow_remote and not is_local(address):
+    if not settings.allow_remote and not is_local(address):
         raise ConfigError(f"nmea.udp: {address.text} is another machine: set nmea.allow_remote = true if you mean it")
+    return address
+
+
+def _connected(address: Address) -> socket.socket:
     sock = socket.socket(address.family, socket.SOCK_DGRAM)
     try:
         sock.setblocking(False)

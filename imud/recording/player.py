@@ -220,8 +220,10 @@ class Player:
             )
             self._imu = connection
         else:
-            gnss, aiding, positions = self._settings.gnss, self._settings.aiding, connection.gnss().positions
-            self._ports[port] = Receiver(driver, gnss, connection.t_ns, self._pulse, aiding, positions)
+            gnss, aiding, configured = self._settings.gnss, self._settings.aiding, connection.gnss()
+            self._ports[port] = Receiver(
+                driver, gnss, connection.t_ns, self._pulse, aiding, configured.positions, configured.identity.baud
+            )
 
     def _change(self, settings: Settings) -> None:
         """As the daemon does on SIGHUP."""

@@ -17,6 +17,7 @@ from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
 from .gnss import IMPOSSIBLE, Refusal, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
+from .line_load import LineLoad
 from .loss import HIGH, LossMonitor
 from .nmea_aiding import measured_of
 from .rate import RateMeter
@@ -33,6 +34,8 @@ _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("unknown age", "their age is not known: they have waited somewhere and come faster than they are made")
 _CLOCK = Refusal("unknown age", "their age is not known: their times do not go on as they come")
+_NO_PAUSE = Refusal("unknown age", "their age is not known: the line has no pauses, so they may have waited for it")
+_TOO_SLOW = "its line is too slow for all that it sends, which comes late: a higher baud rate, or fewer messages"
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
@@ -56,8 +59,9 @@ class Receiver:
         pulse: Pulse | None = None,
         aiding: AidingSettings = _NO_AIDING,
         positions: bool = True,
+        baud: int = 0,
     ) -> None:
-        """positions: it sends any. Fixes of one that does not are not used."""
+        """positions: it sends any. Fixes of one that does not are not used. baud: of its line; 0: it has none."""
         self.positions, self.aiding = positions, aiding
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
@@ -75,6 +79,7 @@ class Receiver:
         self._room = memoryview(bytearray(READ_BYTES))
         self._epochs = EpochClock(settings.latency_s)
         self._consistency = FixConsistency()
+        self._line_load = LineLoad(baud)
         self._last: Fix | None = None
         self._last_used_fix: Fix | None = None
         self._row: Records | None = None  # the same for the filter
@@ -95,6 +100,7 @@ class Receiver:
         pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
         if self.byte_sink is not None:
             self.byte_sink(data, now_ns, pulse_ns)
+        self._line_load.add(len(data), now_ns)
         whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
         if self.decoder.whole > whole:
             self.last_data_ns = now_ns
@@ -147,6 +153,8 @@ class Receiver:
         """Why a fix that the settings allow cannot be right."""
         if not self._epochs.is_known:
             return _QUEUE
+        if self._line_load.hides_age:
+            return _NO_PAUSE
         if max(self._backward_count, self._leap_count) >= STEADY:
             return _CLOCK
         self._consistency.add(row)
@@ -154,7 +162,7 @@ class Receiver:
 
     def _keep(self, reading: Reading, pulse_ns: int | None) -> None:
         """A reading on its way to the filter. A heading without a time is as old as the settings say, others new."""
-        if (measured := measured_of(reading, self.settings, self.aiding)) is None:
+        if self._line_load.is_saturated or (measured := measured_of(reading, self.settings, self.aiding)) is None:
             return
         t_ns = reading.arrival_ns
         if reading.source == "heading" and reading.utc_s is None:
@@ -223,9 +231,10 @@ class Receiver:
         """What is wrong with the receiver, in words."""
         damaged = _DAMAGED if self._loss_monitor.is_high else ""
         status = self.decoder.status
+        slow = f"{'receiver' if self.positions else 'sensor'}: {_TOO_SLOW}" if self._line_load.is_saturated else ""
         velocity = f"receiver: {self._consistency.fault}" if self._consistency.fault else ""
         interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
-        return tuple(text for text in (self._fix_fault(now_ns), velocity, damaged, *interference) if text)
+        return tuple(text for text in (self._fix_fault(now_ns), slow, velocity, damaged, *interference) if text)
 
     def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""

@@ -40,6 +40,7 @@ INS = {
     "Covariance": core.COVARIANCE,
     "MotionClass": core.MOTION_CLASS,
     "Stationarity": core.STATIONARITY,
+    "BiasChanges": core.BIAS_CHANGES,
     "GravityMonitor": integrity.GRAVITY_MONITOR,
     "Nhc": aiding.NHC,
     "LandEvidence": aiding.LAND_EVIDENCE,

@@ -91,7 +91,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         "imud/estimators/ins/alignment/vector_pairs.py",
     ),
     ("imud/estimators/ins/fusion.py",),
-    ("imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),
+    ("imud/estimators/ins/bias_changes.py", "imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),
     ("imud/estimators/ins/aiding",),
     ("imud/estimators/ins/alignment",),
     ("imud/estimators/ins/integrity", "imud/estimators/ins/power_on.py"),

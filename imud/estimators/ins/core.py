@@ -157,6 +157,15 @@ STATIONARITY = np.dtype(
     align=True,
 )
 
+BIAS_CHANGES = np.dtype(
+    [
+        ("averaged_force", "<f8", (3,)),  # m/s^2, body
+        ("earlier_force", "<f8", (3,)),  # the average of it
+        ("warm_up_variance", "<f8"),  # rad^2/s^2, of what warmth will still change a gyro's bias by
+    ],
+    align=True,
+)
+
 PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
     [
         ("psd", "<f8", (2,)),  # m^2/s^3, rad^2/s
@@ -226,6 +235,7 @@ REWOUND = [  # what a rewind restores
     ("imu", IMU),
     ("cov", COVARIANCE),
     ("stationarity", STATIONARITY),
+    ("bias_changes", BIAS_CHANGES),
     ("gravity_monitor", GRAVITY_MONITOR),
     ("nhc", NHC),
     ("land_evidence", LAND_EVIDENCE),

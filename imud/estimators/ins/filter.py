@@ -16,6 +16,7 @@ from .aiding.source_age import learn_age
 from .alignment.fix_age import is_fix_age_found, learn_fix_age, probable_error2, use_fix_age
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
+from .bias_changes import begin_bias_changes
 from .error_model import reset_gyro_scale
 from .fusion import clear_innovations, propagate_errors, write_innovation
 from .fusion_horizon import (
@@ -98,6 +99,7 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
     """Initialize from the first sample (body axes): roll and pitch from gravity, unless rpy (rad) gives them."""
     store_first_sample(c, t_ns, w, f)
     first_window(c, f)
+    begin_bias_changes(p, c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
     if not (math.isfinite(roll) and math.isfinite(pitch)):
         if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:

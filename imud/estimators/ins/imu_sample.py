@@ -20,6 +20,7 @@ from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import flag_heading, is_levelled
+from .bias_changes import add_bias_changes
 from .damaged_readings import inflate_covariance, substitute_missing
 from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
@@ -47,6 +48,7 @@ def end_window(p: Parameters, c: Core) -> None:
     """
     propagate_errors(p, c)
     classify_window(p, c)
+    add_bias_changes(p, c)
     monitor_gravity(p, c)
     at_rest = detect_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:

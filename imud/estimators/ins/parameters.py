@@ -16,6 +16,7 @@ from ...math.rotation import quat_of_euler
 from ...sensor_errors.profiles import profile_of
 from ..tuning import Tunable, dtype_of, values_of
 from . import (
+    bias_changes,
     boresights,
     damaged_readings,
     ekf,
@@ -83,6 +84,7 @@ TUNABLES = (
     *error_model.TUNABLES,
     *boresights.TUNABLES,
     *noise_density.TUNABLES,
+    *bias_changes.TUNABLES,
     *ekf.TUNABLES,
     *propagation.TUNABLES,
     *damaged_readings.TUNABLES,

@@ -136,6 +136,12 @@ class Stationarity:
     vibration_gyro_psd: float
 
 
+class BiasChanges:
+    averaged_force: Reals
+    earlier_force: Reals
+    warm_up_variance: float
+
+
 class GravityMonitor:
     time: float
     angle: Reals
@@ -535,6 +541,7 @@ class Snapshot:
     imu: Imu
     cov: Covariance
     stationarity: Stationarity
+    bias_changes: BiasChanges
     gravity_monitor: GravityMonitor
     nhc: Nhc
     land_evidence: LandEvidence
@@ -565,6 +572,7 @@ class Core:
     imu: Imu
     cov: Covariance
     stationarity: Stationarity
+    bias_changes: BiasChanges
     gravity_monitor: GravityMonitor
     nhc: Nhc
     land_evidence: LandEvidence

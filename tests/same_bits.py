@@ -1,7 +1,7 @@
 """Do the compilers agree? `python tests/same_bits.py [NAME..]` prints a digest of all words of each golden trace's run.
 
 Compare what it prints with IMUD_JIT=1 (numba), with CC=clang and IMUD_KERNELS=/tmp/clang.so (another compiler), or with
---plain (the kernels for any processor, without vectors of AVX2).
+IMUD_KERNELS=/tmp/plain.so of `python -m imud.compile /tmp/plain.so --plain` (for any processor, without AVX2).
 """
 
 import hashlib
@@ -10,7 +10,7 @@ import sys
 from golden import CLASSES, recording
 from golden_run import run
 
-from imud.compile import levels, library
+from imud.compile import library
 
 
 def digest(name):
@@ -24,9 +24,6 @@ def digest(name):
 
 if __name__ == "__main__":
     names = sys.argv[1:]
-    if "--plain" in names:
-        names.remove("--plain")
-        library.level = lambda _: levels.PLAIN
     print(f"kernels of {'numba' if library.library() is None else 'the library'}", file=sys.stderr)
     for name in names or CLASSES:
         print(digest(name), name, flush=True)

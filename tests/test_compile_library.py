@@ -1,10 +1,8 @@
 """The library of all kernels: one of other sources, or a damaged one, is never loaded, but built anew."""
 
-import ctypes
 import importlib.util
 import json
 import os
-import platform
 import re
 import shlex
 import signal
@@ -46,7 +44,7 @@ def sealed(sources, monkeypatch):
     monkeypatch.setattr(seal, "drivers", lambda: drivers(root))
     path = root / "kernels.so"
     path.write_bytes(Path(sys.executable).read_bytes()[:64] + b"code\nand more")
-    seal.seal(path, seal.digests(files))
+    seal.seal(path, seal.digests(files), [levels.PLAIN])
     return path
 
 
@@ -67,7 +65,7 @@ def test_a_library_without_a_new_driver_is_not_loaded(sealed):
     driver.parent.mkdir(parents=True)
     driver.write_text("DRIVER = None\n")
     assert seal.defect(sealed) == "is of other sources"
-    seal.seal(sealed, seal.digests(["imud/a.py", "imud/drivers/new/driver.py"]))
+    seal.seal(sealed, seal.digests(["imud/a.py", "imud/drivers/new/driver.py"]), [levels.PLAIN])
     assert seal.defect(sealed) is None
 
 
@@ -76,16 +74,13 @@ def test_a_library_whose_sources_were_edited_while_it_was_built_is_not_loaded(se
     monkeypatch.setattr(translation, "all_sources", lambda: seal.all_sources(root))
     monkeypatch.setattr(translation, "digests", seal.digests)
     monkeypatch.setattr(translation, "loaded_sources", lambda: files[:1])
-    monkeypatch.setattr(
-        translation, "_compile_levels", lambda kernels, path, target: path.write_bytes(sealed.read_bytes()[:64])
-    )
 
     def build_it(path, new_text):
-        def source(with_lines):
+        def compile_parts(library, chosen, target):
             (root / files[0]).write_text(new_text)
-            return ""
+            library.write_bytes(sealed.read_bytes()[:64])
 
-        monkeypatch.setattr(translation, "source", source)
+        monkeypatch.setattr(translation, "_compile_parts", compile_parts)
         monkeypatch.setattr(sys, "argv", ["imud.compile", str(path)])
         assert translation.main() == 0
 
@@ -117,8 +112,16 @@ def test_a_library_for_another_processor_is_not_loaded(sealed, sources, at, valu
     code = bytearray(sealed.read_bytes().rpartition(b"\n")[0])
     code[at] = value
     sealed.write_bytes(code)
-    seal.seal(sealed, seal.digests(sources[1]))
+    seal.seal(sealed, seal.digests(sources[1]), [levels.PLAIN])
     assert seal.defect(sealed) == "is for another processor"
+
+
+def test_a_library_for_processors_with_avx2_is_not_loaded_on_an_older_one(sealed, sources, monkeypatch):
+    sealed.write_bytes(sealed.read_bytes().rpartition(b"\n")[0])
+    seal.seal(sealed, seal.digests(sources[1]), [levels.AVX2])
+    for has, says in (((levels.AVX2, levels.PLAIN), None), ((levels.PLAIN,), "is for processors with AVX2")):
+        monkeypatch.setattr(seal, "of_processor", lambda has=has: has)
+        assert seal.defect(sealed) == says
 
 
 def test_a_library_that_is_not_there_or_cannot_be_read(tmp_path):
@@ -179,23 +182,39 @@ def test_what_was_built_is_loaded_and_not_built_again(built):
     ended = run("warmup", IMUD_KERNELS=str(built))
     assert (ended.returncode, ended.stderr) == (0, "")
     assert built.read_bytes() == before
-    assert set(json.loads(before.rpartition(b"\n")[2])) == {"code", "sources", "files"}
+    assert set(json.loads(before.rpartition(b"\n")[2])) == {"code", "sources", "files", "levels"}
 
 
-@pytest.mark.thorough
-def test_it_has_each_kernel_for_each_level_of_processors(built):
-    symbols = re.findall(rb"\0(imud_[a-z0-9_]+)(?=\0)", built.read_bytes())
-    plain = {symbol for symbol in symbols if not symbol.endswith(b"_avx2")}
-    assert len(plain) > 20
-    assert {symbol + b"_avx2" for symbol in plain if platform.machine() == "x86_64"} <= set(symbols)
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="other machines have one level")
-def test_the_level_is_that_of_the_processor(built):
+def test_the_level_is_that_of_the_processor():
     flags = re.search(r"^flags\s*:(.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-    expected = levels.AVX2 if "avx2" in flags[1].split() else levels.PLAIN
-    assert levels.level(ctypes.CDLL(str(built))) == expected
+    has_avx2 = flags is not None and "avx2" in flags[1].split()
+    assert levels.of_processor() == ((levels.AVX2, levels.PLAIN) if has_avx2 else (levels.PLAIN,))
+    assert levels.of_library(None) == levels.of_processor()[:1]
+
+
+@pytest.mark.thorough
+def test_a_library_for_this_machine_has_the_kernels_of_its_level_only(built):
+    symbols = re.findall(rb"\0(imud_[a-z0-9_]+)(?=\0)", built.read_bytes())
+    level = levels.of_processor()[0].encode()
+    assert len(symbols) > 20
+    assert all(symbol.endswith(b"_avx2") == (level == b"_avx2") for symbol in symbols)
+
+
+TINY = "#ifndef EXPORTED\n#define EXPORTED(name) name\n#endif\nlong EXPORTED(imud_%s)(void) { return 1; }\n"
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="other machines have one level")
+def test_a_wheel_for_others_has_all_kernels_for_each_level_of_processors(quick, tmp_path, monkeypatch):
+    assert levels.of_library("aarch64-linux-gnu.2.28") == (levels.PLAIN,)
+    every, made = levels.of_library("x86_64-linux-gnu.2.28"), tmp_path / "kernels.so"
+    monkeypatch.setattr(levels, "of_library", lambda target: every)
+    monkeypatch.setattr(translation, "source", lambda with_lines, is_wanted: TINY % is_wanted("_estimators_ins_"))
+    monkeypatch.setattr(sys, "argv", ["imud.compile", str(made)])
+    assert translation.main() == 0
+    symbols = set(re.findall(rb"\0(imud_[A-Za-z]+(?:_avx2)?)(?=\0)", made.read_bytes()))
+    assert symbols == {b"imud_True", b"imud_False", b"imud_True_avx2", b"imud_False_avx2"}
+    assert json.loads(made.read_bytes().rpartition(b"\n")[2])["levels"] == list(every)
+    assert [path.name for path in tmp_path.iterdir()] == ["kernels.so"]
 
 
 @contextmanager
@@ -280,7 +299,7 @@ def test_pip_install_ends_with_a_kernel_that_has_no_translation(tmp_path, monkey
 
 
 def test_the_translation_ends_with_a_code_of_its_own(tmp_path, monkeypatch, capsys):
-    def untranslatable(with_lines):
+    def untranslatable(with_lines, is_wanted):
         raise UnsupportedError("x.py:3: C has no translation")
 
     monkeypatch.setattr(translation, "source", untranslatable)
@@ -391,7 +410,7 @@ print("numba" in sys.modules, "llvmlite" in sys.modules)
     assert (ended.stdout, ended.stderr) == ("False False\n", "")
 
 
-def test_a_start_with_a_given_place_does_not_load_numba(built):
+def test_a_start_with_a_given_place_does_not_load_numba():
     """Where there is no numba, as on 32-bit ARM, it would be the end."""
     code = """
 import sys
@@ -404,5 +423,5 @@ for name in registry.NAMES:
     estimator.start(estimator.configure(Settings(), 1000.0), given)
 print("started")
 """
-    ended = run(code=code, IMUD_KERNELS=str(built))
+    ended = run(code=code)
     assert (ended.stdout, ended.stderr) == ("started\n", "")

@@ -24,7 +24,8 @@ from imud.drivers.transport.dialogue_runner import run_dialogue
 from imud.drivers.transport.line import open_line
 from imud.drivers.transport.portspec import PortSpec
 
-EPOCHS = 40
+EPOCHS = 600  # it plays from its start on: the log has to last until a busy machine has connected
+FIXES = 30
 LIMIT_S = 120.0  # against hanging
 
 
@@ -68,10 +69,10 @@ def end_of(process):
         process.kill()
 
 
-def fixes_of(line, last):
-    """The fixes up to the one of which `last` is true; and the decoder."""
+def fixes_of(line, are_all):
+    """The fixes until `are_all` is true of them; and the decoder."""
     decoder, fixes, end = GpsdDecoder(), [], time.monotonic() + LIMIT_S
-    while not fixes or not last(fixes[-1]):
+    while not are_all(fixes):
         assert time.monotonic() < end, decoder.counters
         fixes += decoder.feed(line.read(), time.monotonic_ns())
         time.sleep(0.002)
@@ -84,10 +85,9 @@ def test_the_fixes_are_those_of_the_log(tmp_path, style):
     bursts = [Burst(style, k) for k in range(EPOCHS)]
     log.write_bytes(b"".join(line for burst in bursts for line in burst.lines))
     with playing(log) as line:
-        fixes, decoder = fixes_of(line, lambda fix: fix.utc_s == pytest.approx(bursts[-3].utc_s))
+        fixes, _ = fixes_of(line, lambda fixes: len(fixes) >= FIXES)
     said = {round(burst.utc_s, 3): burst for burst in bursts}
     epochs = [bursts.index(said[round(fix.utc_s, 3)]) for fix in fixes]
-    assert len(epochs) >= 5, decoder.counters  # gpsd takes the first ones to recognise the receiver
     assert all(b - a == 1 for a, b in itertools.pairwise(epochs)), "each epoch once"
     assert fixes[-1].dimensions == 3
     for fix, burst in zip(fixes, (bursts[k] for k in epochs), strict=True):
@@ -103,7 +103,7 @@ def test_of_two_receivers_one_counts_and_the_other_takes_over(tmp_path):
     times = [f"12{k // 60:02d}{k % 60:02d}.000" for k in range(330)]
     long.write_bytes(b"".join(gga(time_of_day) + rmc(time_of_day, motion="10.0,90.0") for time_of_day in times))
     with playing(short, long) as line:
-        fixes, decoder = fixes_of(line, lambda fix: fix.utc_s == 43_200.0 + 320)
+        fixes, decoder = fixes_of(line, lambda fixes: fixes and fixes[-1].utc_s == 43_200.0 + 320)
     from_long = [abs(fix.lat_deg - (48 + 7.038 / 60)) < 1e-6 for fix in fixes]
     changes = sum(a != b for a, b in itertools.pairwise(from_long))
     assert from_long[-1] and changes <= 1, from_long

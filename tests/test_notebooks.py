@@ -1,5 +1,6 @@
 """The notebooks of the manual: each runs, asserts what it claims, and uses nothing of imud but what it exports."""
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import pytest
 
 import imud
 
-nbclient = pytest.importorskip("nbclient", reason="the notebooks need nbclient, ipykernel, matplotlib and vqf")
-import nbformat  # noqa: E402
+if importlib.util.find_spec("nbclient") is None:  # imported where it is used: all workers collect this file
+    pytest.skip("the notebooks need nbclient, ipykernel, matplotlib and vqf", allow_module_level=True)
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "docs/notebooks").glob("*.ipynb"))
 NOTEBOOK = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -16,6 +17,8 @@ TIMEOUT_S = 600.0  # against hanging
 
 
 def code(path):
+    import nbformat
+
     return [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
 
 
@@ -38,6 +41,9 @@ def test_it_uses_only_what_imud_exports(path):
 @pytest.mark.thorough
 @NOTEBOOK
 def test_it_runs_and_shows_a_plot(path, tmp_path):
+    import nbclient
+    import nbformat
+
     notebook = nbformat.read(path, 4)
     client = nbclient.NotebookClient(
         notebook, timeout=TIMEOUT_S, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}

@@ -55,11 +55,8 @@ def test_another_compiler_gives_the_same(compiler, tmp_path):
     assert digests(LARGER, CC=compiler, IMUD_KERNELS=str(tmp_path / "kernels.so")) == digests(LARGER)
 
 
-def test_every_level_of_processors_gives_the_same():
-    assert digests(("--plain", *LARGER)) == digests(LARGER)
-
-
-def test_without_optimisation_it_is_the_same(tmp_path):
+@pytest.mark.parametrize("option", ["--plain", "--coverage"])
+def test_for_any_processor_and_without_optimisation_it_is_the_same(option, tmp_path):
     made = str(tmp_path / "kernels.so")
-    subprocess.run([sys.executable, "-m", "imud.compile", made, "--coverage"], check=True, cwd=TESTS.parent)
+    subprocess.run([sys.executable, "-m", "imud.compile", made, option], check=True, cwd=TESTS.parent)
     assert digests(LARGER, IMUD_KERNELS=made) == digests(LARGER)

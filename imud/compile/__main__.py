@@ -15,6 +15,7 @@ A kernel that several others call with different types is several functions of C
 
 import argparse
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from . import levels
@@ -25,13 +26,14 @@ from .seal import all_sources, digests, loaded_sources, seal
 _COVERAGE = ("--coverage", "-O0")  # optimised, lines would be merged; the bits are the same
 
 
-def source(with_lines: bool) -> str:
-    """All kernels that imud calls, in C. Raises UnsupportedError."""
+def source(with_lines: bool, is_wanted: Callable[[str], bool] = lambda symbol: True) -> str:
+    """The kernels that imud calls, those of them that are wanted, in C. Raises UnsupportedError."""
     from ..compilation import entries  # which knows all of imud
 
     unit = Translation(with_lines)
     for symbol, (kernel, kinds) in entries().items():
-        unit.export(kernel, kinds, symbol)
+        if is_wanted(symbol):
+            unit.export(kernel, kinds, symbol)
     return unit.source
 
 
@@ -43,20 +45,21 @@ def main() -> int:
     parser.add_argument("--c", type=Path, metavar="FILE", help="where to keep the C (default: nowhere)")
     parser.add_argument("--coverage", action="store_true", help="count the lines that run, for gcov")
     parser.add_argument("--target", help="another machine, as zig names it: aarch64-linux-gnu.2.28 (default: this one)")
+    parser.add_argument("--plain", action="store_true", help="for any processor of this machine's kind")
     args = parser.parse_args()
     library = args.library.resolve()
+    chosen = (levels.PLAIN,) if args.plain or args.coverage else levels.of_library(args.target)
     try:
         before = digests(all_sources())  # of what is loaded next: an edit from now on makes other sources of them
-        kernels = source(with_lines=args.c is not None or args.coverage)
         if args.c is not None:
-            args.c.write_text(kernels)
-        if args.coverage:  # of one level: the lines are the same
+            args.c.write_text(source(with_lines=True))
+        if args.coverage:
             text = library.with_suffix(".c")
-            text.write_text(kernels)
+            text.write_text(source(with_lines=True))
             compile_c(text, library, _COVERAGE, args.target)
         else:
-            _compile_levels(kernels, library, args.target)
-        seal(library, {name: before.get(name, "") for name in loaded_sources()})
+            _compile_parts(library, chosen, args.target)
+        seal(library, {name: before.get(name, "") for name in loaded_sources()}, chosen)
     except UnsupportedError as error:
         print(error, file=sys.stderr)
         return UNTRANSLATABLE
@@ -66,16 +69,29 @@ def main() -> int:
     return 0
 
 
-def _compile_levels(kernels: str, library: Path, target: str | None) -> None:
-    """Compile the kernels for each level of processors to one library. Raises CannotBuildError, OSError."""
-    sources, options = {}, levels.options(target)
-    for level, text in levels.files(kernels).items():
-        source = library.with_name(f"{library.name}{level}.c")
-        source.write_text(text)
-        sources[source] = options[level]
-    compile_library(sources, library, target)
-    for source in sources:
-        source.unlink()
+def _compile_parts(library: Path, chosen: Sequence[str], target: str | None) -> None:
+    """Compile the kernels for these levels of processors. Raises UnsupportedError, CannotBuildError, OSError.
+
+    While a compiler has navigation's, the others are translated and compiled, too.
+    """
+    written = []
+
+    def sources() -> Iterator[Path]:
+        for part, is_wanted in (("navigation", _is_navigation), ("others", lambda symbol: not _is_navigation(symbol))):
+            kernels = source(with_lines=False, is_wanted=is_wanted)
+            for level in chosen:
+                written.append(library.with_name(f"{library.name}.{part}{level}.c"))
+                written[-1].write_text(levels.text(kernels, level))
+                yield written[-1]
+
+    compile_library(sources(), library, target)
+    for file in written:
+        file.unlink()
+
+
+def _is_navigation(symbol: str) -> bool:
+    """Whether it is an entry of the navigation filter: these take as long to compile as all the others."""
+    return "_estimators_ins_" in symbol
 
 
 if __name__ == "__main__":

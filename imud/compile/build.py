@@ -5,13 +5,15 @@ not enough for gcc before 12.3, which makes vfmaddsub of a subtraction and an ad
 106902): so no level of processors (`levels`) has FMA.
 """
 
+import contextlib
 import errno
 import importlib.util
 import os
+import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 FLAGS = (
@@ -56,26 +58,41 @@ def compile_c(
     target: another machine, see `compiler`; shared: make a shared library, not a program.
     """
     kind = _LIBRARY if shared else ()
-    _run([[*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"]])
+    _run([*compiler(target), *FLAGS, *kind, *options, "-o", str(output), str(source), "-lm"])
 
 
-def compile_library(sources: Mapping[Path, Sequence[str]], output: Path, target: str | None = None) -> None:
-    """Compile files of C, each with more options, at the same time to one shared library. Raises as `compile_c`."""
+def compile_library(sources: Iterable[Path], output: Path, target: str | None = None) -> None:
+    """Compile files of C at the same time, each as soon as it comes, to one shared library. Raises as `compile_c`."""
     command = [*compiler(target), *FLAGS]
-    objects = {source: source.with_suffix(".o") for source in sources}
-    _run([[*command, *sources[file], "-fPIC", "-c", "-o", str(made), str(file)] for file, made in objects.items()])
-    _run([[*command, *_LIBRARY, "-o", str(output), *map(str, objects.values()), "-lm"]])
-    for made in objects.values():
+    objects, running = [], []
+    with contextlib.ExitStack() as stack:
+        for source in sources:
+            objects.append(source.with_suffix(".o"))
+            running.append(_started([*command, "-fPIC", "-c", "-o", str(objects[-1]), str(source)], stack))
+        for process in running:
+            _finish(process)
+    _run([*command, *_LIBRARY, "-o", str(output), *map(str, objects), "-lm"])
+    for made in objects:
         made.unlink()
 
 
-def _run(commands: list[list[str]]) -> None:
-    """Run these commands at the same time."""
+def _run(command: list[str]) -> None:
+    with contextlib.ExitStack() as stack:
+        _finish(_started(command, stack))
+
+
+def _started(command: list[str], stack: contextlib.ExitStack) -> "subprocess.Popen[str]":
+    """A compiler that runs, until it ends or the stack is left."""
     try:
-        running = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for command in commands]
+        process = stack.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
     except OSError as error:
-        raise CannotBuildError(f"{commands[0][0]}: {error.strerror}") from error
-    messages = [process.communicate()[1] for process in running]
-    for command, process, message in zip(commands, running, messages, strict=True):
-        if process.returncode:
-            raise CannotBuildError(f"{' '.join(command)}\n{message[:2000]}")
+        raise CannotBuildError(f"{command[0]}: {error.strerror}") from error
+    stack.callback(process.terminate)
+    return process
+
+
+def _finish(process: "subprocess.Popen[str]") -> None:
+    """Wait for a compiler. Raises CannotBuildError with its message if it failed."""
+    message = process.communicate()[1]
+    if process.returncode:
+        raise CannotBuildError(f"{shlex.join(process.args)}\n{message[:2000]}")  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ..errors import UsageError
 from .hashing import digest_of
-from .levels import level
+from .levels import of_processor
 from .seal import ROOT, defect
 
 INSTALLED = Path(__file__).with_name("kernels.so")
@@ -99,5 +99,5 @@ def require_numba() -> None:
 def address(symbol: str) -> int | None:
     """Where the function of this name is; None: the library does not have it, or there is none."""
     loaded = library()
-    function = getattr(loaded, symbol + level(loaded), None) if loaded else None
-    return None if function is None else ctypes.cast(function, ctypes.c_void_p).value
+    functions = (getattr(loaded, symbol + level, None) for level in of_processor()) if loaded else ()
+    return next((ctypes.cast(found, ctypes.c_void_p).value for found in functions if found is not None), None)

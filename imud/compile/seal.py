@@ -4,10 +4,11 @@ import functools
 import json
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from .hashing import digest_of
+from .levels import of_processor
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHER_SOURCES = "is of other sources"
@@ -64,6 +65,8 @@ def defect(library: Path) -> str | None:
             return "is damaged"
         if processor(code) != processor(_this_program()):
             return "is for another processor"
+        if not set(seal["levels"]).intersection(of_processor()):
+            return "is for processors with AVX2"
         is_of_these = seal["sources"] == _together(digests(seal["files"])) and drivers() <= set(seal["files"])
         return None if is_of_these else OTHER_SOURCES
     except FileNotFoundError:
@@ -81,9 +84,12 @@ def loaded_sources() -> list[str]:
     return sorted({Path(f).relative_to(ROOT).as_posix() for f in files if f and f.startswith(folder)})
 
 
-def seal(library: Path, sources: Mapping[str, str]) -> None:
-    """Append the line with the digests of a library's sources and code. sources: `digests` of those it was made of."""
+def seal(library: Path, sources: Mapping[str, str], levels: Sequence[str]) -> None:
+    """Append the line with the digests of a library's sources and code. sources: `digests` of those it was made of.
+
+    levels: of processors, for which it has kernels.
+    """
     code = library.read_bytes()
-    line = {"code": digest_of(code), "sources": _together(sources), "files": list(sources)}
+    line = {"code": digest_of(code), "sources": _together(sources), "files": list(sources), "levels": list(levels)}
     with library.open("ab") as file:
         file.write(b"\n" + json.dumps(line).encode())

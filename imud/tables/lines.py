@@ -106,13 +106,13 @@ def table_of(path: Path, wanted: Sequence[str]) -> Table:
     if not (text := _beginning(path)):
         raise BadDataError(f"{path}: the file is empty")
     lines = text.splitlines()
-    delimiters = [max(",;\t", key=line.count) for line in lines]
-    headers = [_names(line, delimiter) for line, delimiter in zip(lines, delimiters, strict=True)]
-    at = next((i for i, names in enumerate(headers) if set(names) & set(wanted)), 0)
+    at = next((i for i, line in enumerate(lines) if set(_names(line, _delimiter(line))) & set(wanted)), 0)
+    delimiter = _delimiter(lines[at])
+    names = _names(lines[at], delimiter)
     encoding, zipped = _encoding(path), first_bytes(path, 2) == _GZIP
-    plain = not zipped and encoding == _UTF8 and delimiters[at] == "," and '"' not in text and "\n" in text
-    first = at + 2 + any(_are_units(line, delimiters[at], len(headers[at])) for line in lines[at + 1 : at + 2])
-    return Table(path, headers[at], at + 1, first, delimiters[at].encode(), encoding, plain)
+    plain = not zipped and encoding == _UTF8 and delimiter == "," and '"' not in text and "\n" in text
+    first = at + 2 + any(_are_units(line, delimiter, len(names)) for line in lines[at + 1 : at + 2])
+    return Table(path, names, at + 1, first, delimiter.encode(), encoding, plain)
 
 
 def is_nmea(path: Path) -> bool:
@@ -154,6 +154,10 @@ def _source(raw: BufferedReader) -> BufferedReader:
     zipped = raw.read(len(_GZIP)) == _GZIP
     raw.seek(0)
     return cast(BufferedReader, gzip.GzipFile(fileobj=raw)) if zipped else raw
+
+
+def _delimiter(line: str) -> str:
+    return max(",;\t", key=line.count)
 
 
 def _names(line: str, delimiter: str) -> list[str]:

@@ -50,7 +50,8 @@ def attitude(
     as in `--initial`. smooth: estimates from the data before and after each sample, as of `imud replay --smooth`.
     frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. estimator: another one by its name, or an
     `imud.estimators.Estimator` of your own. Raises ValueError for what is wrong in arrays, ConfigError for what is
-    wrong in settings, BadDataError if the settings forbid every fix.
+    wrong in settings, BadDataError if the settings forbid every fix, UsageError if the estimator cannot be
+    smoothed.
 
     >>> import numpy as np, imud
     >>> t = np.arange(300) / 100.0

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from imud.drivers.jit import kernel
+from imud.compile.jit import kernel
 from imud.estimators import Estimator
 from imud.estimators.blank_solution import blank
 from imud.estimators.records import ATTITUDE_VALID

@@ -37,9 +37,8 @@ Configured = ImuConfigured | GnssConfigured
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 4.0
 _ABSENT_RETRY_S = 0.5  # does not grow: with a loose plug a long interval may miss every moment of contact
 _UNTRIED = "not tried yet"
-_FATAL_AT_START: dict[
-    type[PortError], type[ImudError]
-] = {  # later they are not: another program may close the port, or udev set its permissions
+# not later: another program may close the port, or udev set its permissions
+_FATAL_AT_START: dict[type[PortError], type[ImudError]] = {
     PortDeniedError: PermissionDeniedError,
     PortBusyError: InputOutputError,
     NotSerialError: InputOutputError,

@@ -373,6 +373,32 @@ print(rebuild.rebuild([Path(sys.argv[1], name, "kernels.so") for name in ("locke
     assert run(str(tmp_path), code=code).stdout == f"{tmp_path / 'free' / 'kernels.so'}\n"
 
 
+@pytest.mark.parametrize(("age_s", "used"), [(0.0, "busy"), (1e5, "free")])
+def test_a_build_that_takes_long_is_waited_for_and_one_that_was_killed_is_not(age_s, used, tmp_path):
+    """Under load a build took four minutes, and each process that waited for a minute began another one, or numba."""
+    begun = tmp_path / "busy" / "kernels-begun"
+    begun.mkdir(parents=True)
+    (tmp_path / "free").mkdir()
+    os.utime(begun, (time.time() - age_s,) * 2)
+    code = """
+import fcntl, os, signal, sys
+from pathlib import Path
+from imud.compile import rebuild
+signal.alarm(60)  # ends a wait without end
+held = os.open(Path(sys.argv[1], "busy"), os.O_RDONLY)
+fcntl.flock(held, fcntl.LOCK_EX)
+rebuild.LOCK_S = 0.0
+rebuild._in_a_process = lambda output: output.touch()
+looks = iter(range(3))
+def sleep(_):
+    if next(looks, None) is None:
+        os.close(held)
+rebuild.time.sleep = sleep
+print(rebuild.rebuild([Path(sys.argv[1], name, "kernels.so") for name in ("busy", "free")]))
+"""
+    assert run(str(tmp_path), code=code).stdout == f"{tmp_path / used / 'kernels.so'}\n"
+
+
 @pytest.mark.thorough
 def test_where_the_package_cannot_be_written_it_is_in_the_cache(built, tmp_path):
     installed = tmp_path / "package"

@@ -16,7 +16,8 @@ from ..errors import UsageError
 from . import build
 from .seal import OTHER_SOURCES, ROOT, defect
 
-LOCK_S = 60.0  # after which the next folder is tried; a build takes some 15 s
+LOCK_S = 60.0  # after which the next folder is tried, unless a build is at work in this one: some 15 s,
+BUILD_S = 1800.0  # and at most, on a machine that is small and busy
 
 
 def rebuild(candidates: Sequence[Path]) -> Path:
@@ -49,25 +50,39 @@ def _locked(candidates: Sequence[Path]) -> Iterator[Path]:
         except OSError:
             continue
         try:
-            if os.access(path.parent, os.W_OK) and _try_lock(folder):
+            if os.access(path.parent, os.W_OK) and _try_lock(folder, path):
                 yield path
                 return
         finally:
             os.close(folder)
-    raise build.CannotBuildError(f"none of {', '.join(str(path) for path in candidates)} can be written")
+    raise build.CannotBuildError(
+        f"none of {', '.join(str(path) for path in candidates)} can be written and is not locked"
+    )
 
 
-def _try_lock(folder: int) -> bool:
-    """Lock a folder, once another process has built there. Whoever may read it may lock it, too, and for ever."""
+def _try_lock(folder: int, path: Path) -> bool:
+    """Lock the folder of `path`, once another process has built there.
+
+    Whoever may read it may lock it, too, and for ever; but only who may write in it has a build there.
+    """
     deadline_s = time.monotonic() + LOCK_S
     while True:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
         except BlockingIOError:
-            if time.monotonic() >= deadline_s:
+            if time.monotonic() >= deadline_s and not _is_being_built(path):
                 return False
         time.sleep(0.1)
+
+
+def _is_being_built(path: Path) -> bool:
+    """Whether another process has begun to build it, not too long ago."""
+    for folder in path.parent.glob(f"{path.stem}-*/"):
+        with contextlib.suppress(OSError):  # it has just ended
+            if time.time() - folder.stat().st_mtime < BUILD_S:
+                return True
+    return False
 
 
 def _in_a_process(output: Path) -> None:

@@ -65,7 +65,7 @@ def test_the_effect_of_a_step_is_predicted():
     settings = Settings(
         navigation=Navigation(vehicle="free", tuning={"time_offset_step_onset_chi2": 0.0, "excluded_step_sigmas": 1e6})
     )
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(3)
     samples, fixes = sensed(D, rng), received(D, rng, sigma=0.1, white=0.6, speed_sigma=0.5, hdop=0.05)
     first, last, change = int(40.5 * RATE), int(70.5 * RATE), 1e-4
     t = fixes["t_ns"] * 1e-9 - 100.0

@@ -161,7 +161,6 @@ BIAS_CHANGES = np.dtype(
     [
         ("averaged_force", "<f8", (3,)),  # m/s^2, body
         ("earlier_force", "<f8", (3,)),  # the average of it
-        ("warm_up_variance", "<f8"),  # rad^2/s^2, of what warmth will still change a gyro's bias by
     ],
     align=True,
 )

@@ -139,7 +139,6 @@ class Stationarity:
 class BiasChanges:
     averaged_force: Reals
     earlier_force: Reals
-    warm_up_variance: float
 
 
 class GravityMonitor:

@@ -28,7 +28,13 @@ _log = logging.getLogger("firmware_sim")
 
 
 def _pose(truth: Truth) -> Array:
-    return np.array([*np.degrees([truth.lat[0], truth.lon[0]]), truth.height[0], math.degrees(truth.rpy[0, 2]) % 360.0])
+    return np.array(
+        [
+            *np.degrees([truth.lat[0], truth.lon[0]]),
+            truth.height[0],
+            math.degrees(math.remainder(truth.rpy[0, 2], 2.0 * math.pi)),
+        ]
+    )
 
 
 def _velocity(truth: Truth) -> Array:

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,14 +17,16 @@ from recorded import stored
 from imud.client import AidingSender, filter_states
 from imud.configuration.settings import Initial
 from imud.daemon.aiding_socket import LONGEST, AidingSocket, address_of
+from imud.daemon.status_reporter import StatusReporter
 from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import HEADING, MAGNETOMETER
+from imud.process.contained import ContainedErrors
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Handlers, Player
 from imud.recording.samples import fields_of
 from imud.recording.source import Recording, adapter
-from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, DatagramDecoder
+from imud.sensors.aiding import LINES_MAX, RATE_HZ_MAX, DatagramDecoder, SourceCounter
 
 SOURCES = registry.by_name("navigation").sources
 NOW_NS, UNIX_NS = 50_000_000_000, 1_700_000_000_000_000_000
@@ -199,3 +202,23 @@ def test_a_daemon_fuses_records_and_replays_the_headings_it_is_sent(tmp_path):
     assert serial and len(fields) > 5
     assert fields["value"][:, :3] == pytest.approx(np.tile([15e-6, -25e-6, 40e-6], (len(fields), 1)))  # as they came
     assert 22e-6 < np.linalg.norm(fields["value"][-1, 3:]) < 67e-6  # the earth's, at the place
+
+
+def test_a_source_whose_port_is_away_is_silent_and_not_forgotten():
+    """Without it nothing on the live page says that there had been wheels."""
+    wheel = SourceCounter()
+    wheel.add(10**9)
+    connected = [SimpleNamespace(received={"odometer": wheel})]
+    in_use = SimpleNamespace(by_kind=dict, imu=None, gnss=None, aiding_sensors={}, receivers=lambda: connected)
+    selection = SimpleNamespace(inertial=None, estimator=SimpleNamespace(sources=()))
+    devices = SimpleNamespace(selection=selection, in_use=in_use, spares=SimpleNamespace(sensors={}))
+    reporter = StatusReporter(devices, ContainedErrors())
+    reporter._check_all(10**9)
+    connected.clear()
+    reporter._check_all(31 * 10**9)
+    nothing = SimpleNamespace(sum=lambda kinds: {}, table=lambda name: {})
+    publisher = SimpleNamespace(innovations=nothing, shares=nothing)
+    assert reporter._aiding_table(publisher, None, 31 * 10**9)["sources"]["odometer"]["age_s"] == 30.0
+    sent = {"odometer": {"age_s": 0.1, "received": 7}}  # by a program, since
+    aiding = SimpleNamespace(properties=lambda now_ns: {"sources": sent})
+    assert reporter._aiding_table(publisher, aiding, 31 * 10**9)["sources"]["odometer"]["received"] == 7

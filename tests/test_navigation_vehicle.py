@@ -149,7 +149,7 @@ def test_a_land_vehicle_by_the_settings_that_keeps_sliding_is_none(lateral, enab
 def test_the_log_says_that_the_setting_is_not_used_and_when_it_is_again():
     found = (_NO_LAND_VEHICLE,)
     inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=SimpleNamespace(findings=lambda: found)))
-    in_use = SimpleNamespace(by_kind=dict, imu=None, gnss=None, aiding_sensors={})
+    in_use = SimpleNamespace(by_kind=dict, imu=None, gnss=None, aiding_sensors={}, receivers=list)
     devices = SimpleNamespace(
         selection=SimpleNamespace(inertial=inertial), in_use=in_use, spares=SimpleNamespace(sensors={})
     )

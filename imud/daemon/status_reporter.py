@@ -9,6 +9,7 @@ from ..outputs.all import Outputs
 from ..outputs.view import Health
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
+from ..sensors.aiding import SourceCounter
 from ..sensors.inertial import Inertial
 from ..sensors.readings import ClockFit
 from ..sensors.receiver import Receiver
@@ -40,6 +41,7 @@ class StatusReporter:
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
         self._faults_of_others: dict[Port, tuple[str, ...]] = {}
         self._out_of_limits: tuple[str, ...] = ()
+        self._received_on_ports: dict[str, SourceCounter] = {}  # by aiding source, of the port that had it last
         self._checked_ns = 0
         self._started_ns = time.monotonic_ns()
         self._lever_arm_period, self._lever_arm_warned = OncePerPeriod(), False
@@ -71,6 +73,8 @@ class StatusReporter:
         for kind in self._faults:
             self._faults[kind] = self._check(kind, pair[0], pair[1], now_ns) if (pair := streaming.get(kind)) else None
         self._out_of_limits = self._beyond_limits(now_ns)
+        for receiver in self._devices.in_use.receivers():
+            self._received_on_ports |= receiver.received
         inertial = self._devices.selection.inertial
         self._change_logger.faults("filter", inertial.pipeline.filter.findings() if inertial else (), now_ns)
         self._faults_of_others = {
@@ -122,8 +126,10 @@ class StatusReporter:
         """The sources of measurements beside fixes, on ports and of other programs; empty: there are none."""
         table = aiding.properties(now_ns) if aiding else {}
         received_by_source = dict(table.get("sources", {}))
-        for receiver in self._devices.in_use.receivers():
-            received_by_source |= {name: source.table(now_ns) for name, source in receiver.received.items()}
+        for name, source in self._received_on_ports.items():  # also of ports that are away: silent, not forgotten
+            of_port = source.table(now_ns)
+            if name not in received_by_source or of_port["age_s"] < received_by_source[name]["age_s"]:
+                received_by_source[name] = of_port
         if received_by_source:
             known = self._devices.selection.estimator.sources
             table["sources"] = status_tables.of_sources(

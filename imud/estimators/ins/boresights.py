@@ -25,8 +25,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ...compile.jit import kernel
-from ...math.rotation import Quaternion, Vector, quat_exp, quat_product, quat_renormalised
+from ...math.rotation import Quaternion, Vector, quat_exp, quat_product, quat_renormalised, quat_rotate_back
 from ..tuning import Tunable
 from .ekf import add_variance
 from .error_model import apply_transition
@@ -63,8 +65,23 @@ TUNABLES = (
         "velocity_boresight_sigma",
         math.radians(20.0),
         "rad",
-        "Sigma of each of the three angles by which a velocity sensor is turned, beyond the settings.",
+        "Sigma of the angle about the vehicle's vertical by which a velocity sensor is turned, beyond the settings.",
         "Choice: as the forward axis of an odometer; motion shows it within seconds.",
+    ),
+    Tunable(
+        "velocity_boresight_tilt_sigma",
+        math.radians(3.0),
+        "rad",
+        "The same about the level axes.",
+        "As unknown_boresight_sigma: what is not level is seen, and a reversed axis is no tilt.",
+    ),
+    Tunable(
+        "max_velocity_boresight",
+        math.radians(60.0),
+        "rad",
+        "Largest turn of a velocity sensor beyond the settings that is believed.",
+        "Three sigma: beyond it are other axes, as forward, left, up.",
+        high=3.0,
     ),
     Tunable(
         "velocity_boresight_psd",
@@ -184,12 +201,16 @@ def sensor_axes(c: Core) -> Quaternion:
 @kernel
 def begin_velocity_boresight(p: Parameters, c: Core) -> None:
     """A velocity in the sensor's own axes comes: how it is turned is estimated from now on."""
-    if c.cov.boresight_covariance[VELOCITY_BORESIGHT, VELOCITY_BORESIGHT] > 0.0:
+    M = c.cov.boresight_covariance
+    if M[VELOCITY_BORESIGHT, VELOCITY_BORESIGHT] > 0.0:
         return
-    for j in range(VELOCITY_BORESIGHT, BORESIGHTS):
-        c.cov.boresight_covariance[j, j] = p.tuning.velocity_boresight_sigma**2
     for i in range(4):
         c.nav.velocity_mount[i] = p.velocity_mount[i]
+    down, tilt2 = quat_rotate_back(sensor_axes(c), (0.0, 0.0, 1.0)), p.tuning.velocity_boresight_tilt_sigma**2
+    for j in range(3):
+        for k in range(3):
+            yaw2 = (p.tuning.velocity_boresight_sigma**2 - tilt2) * down[j] * down[k]
+            M[VELOCITY_BORESIGHT + j, VELOCITY_BORESIGHT + k] = yaw2 + (tilt2 if j == k else 0.0)
 
 
 @kernel
@@ -197,6 +218,15 @@ def forget_velocity_boresight(c: Core) -> None:
     """What shows how the velocity sensor is turned, the heading or its own velocities, was wrong."""
     for j in range(VELOCITY_BORESIGHT, BORESIGHTS):
         forget(c, j)
+
+
+@kernel
+def is_turned_too_far(p: Parameters, c: Core) -> bool:
+    """Whether the velocity sensor seems to be turned by more than its mounting explains: its axes are others."""
+    half = 0.0  # cosine of half the angle
+    for i in range(4):
+        half += p.velocity_mount[i] * c.nav.velocity_mount[i]
+    return abs(half) < elementary.cos(0.5 * p.tuning.max_velocity_boresight)
 
 
 @kernel

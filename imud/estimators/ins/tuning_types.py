@@ -20,6 +20,8 @@ class Tuning:
     unknown_boresight_sigma: float
     heading_boresight_psd: float
     velocity_boresight_sigma: float
+    velocity_boresight_tilt_sigma: float
+    max_velocity_boresight: float
     velocity_boresight_psd: float
     accel_scale_time_s: float
     gyro_scale_time_s: float
@@ -422,6 +424,9 @@ class Tuning:
     external_velocity_scale_s: float
     external_velocity_time_sigma: float
     external_velocity_min_share: float
+    external_velocity_agreement: float
+    min_velocity_ratio: float
+    external_velocity_memory_s: float
     external_velocity_share_s: float
     external_velocity_gate: float
     mag_sigma: float

@@ -404,6 +404,9 @@ class ExternalAid:
     agreeing_ns: int
     yaw_ns: int
     used_share: float
+    shown: Reals
+    expected: Reals
+    shown_noise: Reals
     offset_variance: Reals
     last_value: Reals
 

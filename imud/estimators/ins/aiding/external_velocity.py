@@ -34,6 +34,7 @@ from ..boresights import (
     begin_velocity_boresight,
     boresight_part,
     forget_velocity_boresight,
+    is_turned_too_far,
     sensor_axes,
     set_velocity_row,
 )
@@ -93,10 +94,26 @@ TUNABLES = (
         "external_velocity_min_share",
         0.5,
         "",
-        "Share of velocities that pass the gate below which none is used.",
+        "Share of velocities that agree with the estimate below which none is used.",
         "Wrong units agree now and then, near standstill.",
         high=1.0,
     ),
+    Tunable(
+        "external_velocity_agreement",
+        9.0,
+        "NIS",
+        "NIS of each component up to which a velocity agrees.",
+        "Three sigma: wrong axes may pass the gate again and again.",
+    ),
+    Tunable(
+        "min_velocity_ratio",
+        0.5,
+        "",
+        "Least regression of a component on the estimate, by three sigmas, with which a velocity agrees.",
+        "As min_turn_ratio: a reversed axis has -1.",
+        high=1.0,
+    ),
+    Tunable("external_velocity_memory_s", 30.0, "s", "Time of that regression.", "Choice: some turns."),
     Tunable("external_velocity_share_s", 10.0, "s", "Time of that share.", "As odometer_share_s."),
     Tunable("external_velocity_gate", 25.0, "NIS", "Gate of each component of an external velocity.", "Five sigma."),
 )
@@ -132,10 +149,24 @@ def external_velocity_jacobian(p: Parameters, c: Core, m: Measurement, i: int) -
 
 
 @kernel
-def check_share(p: Parameters, g: ExternalAid, passed: bool, dt: float) -> bool:
-    """Whether enough of the velocities have passed the gate lately, this one included. dt: since the last, s."""
-    g.used_share += ((1.0 if passed else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
+def check_share(p: Parameters, g: ExternalAid, agrees: bool, dt: float) -> bool:
+    """Whether enough of the velocities have agreed lately, this one included. dt: since the last, s."""
+    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
     return bool(g.used_share >= p.tuning.external_velocity_min_share)
+
+
+@kernel
+def is_reversed(p: Parameters, g: ExternalAid, i: int, measured: float, predicted: float, s: float, dt: float) -> bool:
+    """Whether component i changes otherwise than the estimate, as that of a reversed axis: by regression.
+
+    s: variance of the measured less the predicted component; dt: since the last, s.
+    """
+    keep = max(1.0 - dt / p.tuning.external_velocity_memory_s, 0.0)
+    together = 1.0 + others_of_error(dt, p.tuning.external_velocity_correlation_s)
+    g.shown[i] = keep * g.shown[i] + measured * predicted
+    g.expected[i] = keep * g.expected[i] + predicted * predicted
+    g.shown_noise[i] = keep * g.shown_noise[i] + together * s * predicted * predicted
+    return g.shown[i] < p.tuning.min_velocity_ratio * g.expected[i] - 3.0 * math.sqrt(g.shown_noise[i])
 
 
 @kernel
@@ -175,7 +206,7 @@ def fuse_velocity(p: Parameters, c: Core, g: ExternalAid, m: Measurement, innova
     dt = time_since_last(g, m)
     others = others_of_error(dt, p.tuning.external_velocity_correlation_s)
     others_of_scale = others_of_error(dt, p.tuning.external_velocity_scale_s)
-    used = True
+    used, agrees = True, not (body and is_turned_too_far(p, c))
     for i in range(3):
         length = external_velocity_jacobian(p, c, m, i)
         z, s = m.value[i] - v[i], innovation_variance(c, length)
@@ -183,8 +214,12 @@ def fuse_velocity(p: Parameters, c: Core, g: ExternalAid, m: Measurement, innova
         if body:
             s += boresight_part(c, length)
         sigma = m.sigma[i] if m.sigma[i] > 0.0 else p.tuning.external_velocity_sigma
-        used = used and not z * z > p.tuning.external_velocity_gate * (s + sigma * sigma + scale + turned + timing)
-    used = check_share(p, g, used, dt) and used
+        s += sigma * sigma + scale + turned + timing
+        used = used and not z * z > p.tuning.external_velocity_gate * s
+        if math.isfinite(z):
+            wrong = is_reversed(p, g, i, m.value[i], v[i], s, dt)
+            agrees = agrees and not wrong and not z * z > p.tuning.external_velocity_agreement * s
+    used = check_share(p, g, agrees, dt) and used
     n = 0
     for i in range(3):
         if not math.isfinite(m.value[i]):

@@ -197,6 +197,16 @@ def odometer():
 
 
 @golden("navigation")
+def odometer_and_compass():
+    """Both from the start; the compass is mounted wrong by 5 deg."""
+    d = road(80.0, rest=15.0)
+    compass = headings(d, seed=57)
+    compass["value"][:, 0] += np.radians(5.0)
+    rows = np.concatenate([readings(d, seed=62), compass])
+    return replace(navigated(*data(d, seed=61)), measurements=rows[np.argsort(rows["arrival_ns"], kind="stable")])
+
+
+@golden("navigation")
 def odometer_without_sign():
     """It reverses, and tells no sign; the readings come late and in any order."""
     d = road(90.0, swing=1.6)

@@ -48,7 +48,8 @@ def test_in_an_outage_the_wheels_hold_the_way_within_sigma(unsigned):
     assert (out["status"][end] & COASTING).all()
     sigma = out["sigma_v"][end, :2]
     assert np.mean((errors(d, out)[1][end, :2] / sigma) ** 2) < 3.0
-    assert sigma.mean() < 0.85 * alone["sigma_v"][end, :2].mean()
+    assert sigma.mean() < 0.9 * alone["sigma_v"][end, :2].mean()  # across the way it is the heading's, as without them
+    assert out["sigma_p"][end, :2].mean() < 0.65 * alone["sigma_p"][end, :2].mean()
     assert innovations["used"].mean() > 0.97
     found = innovations[(innovations["kind"] == ODOMETER) & (innovations["t_ns"] > 140e9)]
     assert 0.2 < np.mean(found["value"] ** 2 / found["variance"]) < 1.5

@@ -37,7 +37,7 @@ def jump_without_velocity():
 def smaller_jump_without_velocity():
     """After an outage, in which the errors of the estimate may have grown by as much."""
     samples, fixes = data(seed=4)
-    fixes = silent(moved(fixes, 95.0, 1e9, 60.0))
+    fixes = silent(moved(fixes, 95.0, 1e9, 15.0))
     return navigated(samples, fixes[~between(fixes, 80.0, 95.0)], HEADED)
 
 

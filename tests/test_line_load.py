@@ -69,6 +69,14 @@ def test_bursts_over_usb_that_by_chance_are_as_many_as_the_baud_rate_allows_are_
     assert not judged(bursts, 9600)[len(bursts) // 10 :, 1].any()
 
 
+@pytest.mark.parametrize("size, rate_hz", [(95.0, 10), (96.0, 10), (192.0, 5), (480.0, 2), (965.0, 1)])
+def test_whole_bursts_that_are_as_many_as_the_baud_rate_allows_are_not(size, rate_hz):
+    """As of a program that writes to a pseudo-terminal: each sentence is there at once."""
+    bursts = [(round(1e9 * k / rate_hz), size) for k in range(20 * rate_hz)]
+    assert not judged(bursts, 9600)[:, 0].any()
+    assert not judged(bursts, 9600)[6 * rate_hz :, 1].any()
+
+
 def test_a_line_that_has_caught_up_is_no_longer_saturated():
     slow = reads(1.5 * 192.0, 0.2, 9600, 10.0)
     fast = [(10 * SECOND + t_ns, size) for t_ns, size in reads(100.0, 0.2, 9600, 10.0)]

@@ -9,7 +9,7 @@ _BITS = 10  # on the line per byte: start, 8 data, stop
 _SECONDS = 4  # without a pause that show it
 _CLOCK = 0.03  # share by which the baud rate of a device may differ from the one named
 _JITTER_NS = 20_000_000  # of the best arrival in a second
-_PAUSE_NS = 50_000_000  # between bursts; bytes of a line without pauses come every 16 ms at the latest
+_PAUSE_NS = 50_000_000  # between bytes; those of a line without pauses come every 16 ms, unless the host is late
 
 
 @dataclass
@@ -24,8 +24,8 @@ class _Second:
 class LineLoad:
     """How busy a line is, from the bytes that have come. Not thread-safe; all times are monotonic nanoseconds.
 
-    A line that is busy all the time brings as many bytes as its baud rate allows, and without pauses. Bursts over USB,
-    which has no baud rate, may by chance bring as many, but with pauses.
+    A line that is busy all the time brings as many bytes as its baud rate allows, and without pauses. Bursts over USB
+    or a pseudo-terminal, which have no baud rate, may by chance bring as many, but with pauses in every second.
     """
 
     def __init__(self, baud: int) -> None:
@@ -52,8 +52,9 @@ class LineLoad:
             self._seconds.append(_Second(now_ns // SECOND_NS, 0.0, has_pause=True))  # for all that is known
         busy_ns = size * self._byte_ns
         self._busy_ns += busy_ns
-        has_pause = now_ns - self._last_ns - busy_ns > _PAUSE_NS
-        self._is_judged |= has_pause
+        silent_ns = now_ns - self._last_ns
+        has_pause = silent_ns > _PAUSE_NS  # perhaps only of the host: it needs one in each second
+        self._is_judged |= silent_ns - busy_ns > _PAUSE_NS
         self._last_ns = now_ns
         self._note(_Second(now_ns // SECOND_NS, self._busy_ns - (now_ns - self._first_ns), has_pause))
 

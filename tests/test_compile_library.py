@@ -356,20 +356,29 @@ def test_numba_on_request():
     assert (ended.stdout, ended.stderr) == ("None\n", "")
 
 
-def test_a_program_that_locks_the_folder_for_ever_does_not_stop_the_build(tmp_path):
-    for name in ("locked", "free"):
-        (tmp_path / name).mkdir()
-    code = """
+def with_locked(folder, lock):
+    """Code that has locked that folder of the one in its first argument, and builds empty libraries at once."""
+    return f"""
 import fcntl, os, signal, sys
 from pathlib import Path
 from imud.compile import rebuild
 signal.alarm(60)  # ends a wait without end
-held = os.open(Path(sys.argv[1], "locked"), os.O_RDONLY)
-fcntl.flock(held, fcntl.LOCK_SH)
+held = os.open(Path(sys.argv[1], "{folder}"), os.O_RDONLY)
+fcntl.flock(held, fcntl.LOCK_{lock})
 rebuild.LOCK_S = 0.0
 rebuild._in_a_process = lambda output: output.touch()
+"""
+
+
+def test_a_program_that_locks_the_folder_for_ever_does_not_stop_the_build(tmp_path):
+    for name in ("locked", "free"):
+        (tmp_path / name).mkdir()
+    code = (
+        with_locked("locked", "SH")
+        + """
 print(rebuild.rebuild([Path(sys.argv[1], name, "kernels.so") for name in ("locked", "free")]))
 """
+    )
     assert run(str(tmp_path), code=code).stdout == f"{tmp_path / 'free' / 'kernels.so'}\n"
 
 
@@ -380,15 +389,9 @@ def test_a_build_that_takes_long_is_waited_for_and_one_that_was_killed_is_not(ag
     begun.mkdir(parents=True)
     (tmp_path / "free").mkdir()
     os.utime(begun, (time.time() - age_s,) * 2)
-    code = """
-import fcntl, os, signal, sys
-from pathlib import Path
-from imud.compile import rebuild
-signal.alarm(60)  # ends a wait without end
-held = os.open(Path(sys.argv[1], "busy"), os.O_RDONLY)
-fcntl.flock(held, fcntl.LOCK_EX)
-rebuild.LOCK_S = 0.0
-rebuild._in_a_process = lambda output: output.touch()
+    code = (
+        with_locked("busy", "EX")
+        + """
 looks = iter(range(3))
 def sleep(_):
     if next(looks, None) is None:
@@ -396,6 +399,7 @@ def sleep(_):
 rebuild.time.sleep = sleep
 print(rebuild.rebuild([Path(sys.argv[1], name, "kernels.so") for name in ("busy", "free")]))
 """
+    )
     assert run(str(tmp_path), code=code).stdout == f"{tmp_path / used / 'kernels.so'}\n"
 
 

@@ -12,10 +12,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position
-        (
-            "rejected_inflation",
-            "<f8",
-        ),  # NIS of positions rejected after an outage, less 1
+        ("rejected_inflation", "<f8"),  # NIS of positions rejected after an outage, less 1
         ("last_lat", "<f8"),  # rad, position of the last fix
         ("last_lon", "<f8"),
         ("last_velocity", "<f8", (2,)),  # m/s, its velocity north and east

@@ -29,7 +29,7 @@ TUNABLES = (
         10.0,
         "s",
         "Time constant of the averages whose difference is a change of the force.",
-        "Longer than waves; simulated sailing boats: 4 to 20 s are alike.",
+        "Longer than waves; of simulated sailing boats 20 s leave some wrong and sure.",
     ),
     Tunable(
         "gyro_force_share",

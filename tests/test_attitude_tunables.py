@@ -1,5 +1,7 @@
 """The attitude filter at both ends of the range of every tunable: it may be worse, but it stays a filter."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from attitude_runs import assert_whole, samples_from
@@ -15,6 +17,7 @@ ESTIMATOR = registry.by_name("attitude")
 LSB = 2000.0 * DEG / 2**15
 
 
+@cache
 def eventful():
     """A rest and motion, truncated readings, a saturated sensor, damaged samples, no force, two gaps."""
     truth = simulate(32.0, 100.0, after(8.0, wobble(1, 0.5)), after(8.0, wobble(2, 1.0, 1.0, 4.0)))

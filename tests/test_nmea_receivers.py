@@ -4,6 +4,7 @@ The bursts are of our own making, in the styles of the receivers whose logs gpsd
 """
 
 import random
+from functools import cache
 
 import pytest
 from nmea_lines import line
@@ -155,6 +156,12 @@ def lose(rng, data):
     return b""
 
 
+@cache
+def bursts(style):
+    """All that a receiver of a style says."""
+    return [Burst(style, k) for k in range(EPOCHS)]
+
+
 DAMAGE = (flip, drop, duplicate, insert, nuls, cut, swap_in_another, lose)
 
 
@@ -164,7 +171,7 @@ class Run:
     def __init__(self, style, seed, share, paused):
         rng = random.Random(f"{style} {seed} {share}")
         self.decoder, self.fixes, self.damaged = NmeaDecoder(), [], 0
-        self.bursts, self.whole = [Burst(style, k) for k in range(EPOCHS)], []
+        self.bursts, self.whole = bursts(style), []
         now = 10**12
         for k, burst in enumerate(self.bursts):
             now = max(now, 10**12 + int(k * STYLES[style][0] * 1e9)) if paused else now

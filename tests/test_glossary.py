@@ -83,11 +83,16 @@ ALLOWED: set[tuple[str, str]] = {
 
 
 @cache
-def words_of(path: Path) -> tuple[frozenset[str], frozenset[str]]:
-    """The names in the code of a file, and all words in it."""
-    text = path.read_text()
-    names = {token.string for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type == 1}
-    return frozenset(names), frozenset(re.findall(r"[A-Za-z_]\w*", text))
+def words_of(path: Path) -> frozenset[str]:
+    """All words in a file."""
+    return frozenset(re.findall(r"[A-Za-z_]\w*", path.read_text()))
+
+
+@cache
+def names_of(path: Path) -> frozenset[str]:
+    """The names in the code of a file, without the underscores that they begin with."""
+    tokens = tokenize.generate_tokens(io.StringIO(path.read_text()).readline)
+    return frozenset(token.string.lstrip("_") for token in tokens if token.type == tokenize.NAME)
 
 
 def by_word(table: dict[str, str]) -> dict[str, str]:
@@ -99,10 +104,10 @@ def left_behind() -> set[tuple[str, str]]:
     """(file, word) of each replaced word that stands in the code."""
     found = set()
     for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
-        names, words = words_of(path)
-        stripped = {word.lstrip("_") for word in names}
+        words = words_of(path)
+        possible = by_word(NAMES).keys() & {word.lstrip("_") for word in words}
         file = str(path.relative_to(ROOT))
-        found |= {(file, word) for word in by_word(NAMES) if word in stripped}
+        found |= {(file, word) for word in possible if word in names_of(path)}
         found |= {(file, word) for word in by_word(ANYWHERE) if word in words or f"_{word}" in words}
     return found
 

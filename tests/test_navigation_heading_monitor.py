@@ -12,7 +12,7 @@ from imud.estimators.records import HEADING_VALID, SOLUTION
 from imud.math.kalman import packed_index
 from imud.math.rotation import euler_of_quat
 
-OFF, YAW = 1.7, packed_index(STATES, ATTITUDE + 2, ATTITUDE + 2)
+OFF, YAW = 1.7, interpreted(packed_index)(STATES, ATTITUDE + 2, ATTITUDE + 2)
 
 
 @pytest.fixture

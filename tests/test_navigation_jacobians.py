@@ -5,6 +5,8 @@ a recorder instead of the Kalman filter. The nominal state is displaced along on
 innovation is measured minus predicted, so that its derivative is minus the Jacobian.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -63,6 +65,8 @@ STEP = 1e-5  # m, m/s, rad, ...: small against every curvature, large against th
 LEVER_ARM = (1.2, -0.7, -1.9)
 EPOCH_NS = 7_000_000_000
 
+as_python = cache(interpreted)
+
 
 def record(array):
     """The only element of an array, with its fields as attributes."""
@@ -97,6 +101,7 @@ class Recorder:
 
 @pytest.fixture
 def recorder(monkeypatch):
+    as_python.cache_clear()  # kernels that are interpreted from now on call the recorder
     made = Recorder()
     monkeypatch.setattr(gnss_position, "fix_update", made.fix_update)
     monkeypatch.setattr(gnss_velocity, "fix_update", made.fix_update)
@@ -116,6 +121,12 @@ def nominal(seed, rolling=False):
 
     rolling: the smoothed rate has a part about the forward axis, whose effect on the constraint is not in H.
     """
+    p, s = navigating(seed, rolling)
+    return p.copy(), s.copy()
+
+
+@cache
+def navigating(seed, rolling):
     rng = np.random.default_rng(seed)
     aiding = Aiding(
         pose_lever_arm_m=(0.4, 0.3, -1.1),
@@ -155,18 +166,18 @@ def fix_near(c, rng):
 def measure_position(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
-    interpreted(gnss_position.fuse_gnss_position)(p, c, fix, age, rows, 0)
+    as_python(gnss_position.fuse_gnss_position)(p, c, fix, age, rows, 0)
 
 
 def measure_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
     c.scratch.lag_change = (age + c.nav.velocity_time_offset) * c.scratch.accel_fit  # of a constant acceleration
-    interpreted(gnss_velocity.fuse_gnss_velocity)(p, c, fix, rows, 0)
+    as_python(gnss_velocity.fuse_gnss_velocity)(p, c, fix, rows, 0)
 
 
 def measure_nhc(p, c, fix):
-    interpreted(non_holonomic.fuse_nhc)(p, c)
+    as_python(non_holonomic.fuse_nhc)(p, c)
 
 
 def measure_heading(p, c, fix):
@@ -174,7 +185,7 @@ def measure_heading(p, c, fix):
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, HEADING_SOURCE, 1.0, 0.02
     p.tuning.heading_gate = 1e9
-    interpreted(heading.fuse_heading)(p, c, m, rows)
+    as_python(heading.fuse_heading)(p, c, m, rows)
 
 
 def measure_magnetometer(p, c, fix):
@@ -186,7 +197,7 @@ def measure_magnetometer(p, c, fix):
     p.tuning.mag_gate = p.tuning.mag_strength_gate = p.tuning.mag_dip_gate = p.tuning.mag_variation = 1e9
     c.magnetometer.last_ns, c.magnetometer.since_ns = c.nav.t_ns - 10**8, c.nav.t_ns - 10**11
     decorrelate(c, ATTITUDE + 2, 1.0)
-    interpreted(magnetometer.fuse_magnetometer)(p, c, m, rows)
+    as_python(magnetometer.fuse_magnetometer)(p, c, m, rows)
 
 
 def measure_odometer(p, c, fix):
@@ -200,7 +211,7 @@ def measure_odometer(p, c, fix):
     )
     c.odometer.direction = c.odometer.reverses = 1
     p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6
-    interpreted(odometer.fuse_odometer)(p, c, m, rows)
+    as_python(odometer.fuse_odometer)(p, c, m, rows)
 
 
 def measure_two_wheels(p, c, fix):
@@ -212,14 +223,14 @@ def measure_two_wheels(p, c, fix):
     c.odometer.direction = c.odometer.reverses = 1
     p.track_width = 1.5
     p.tuning.odometer_gate = p.tuning.odometer_sign_sigmas = 1e6
-    interpreted(odometer.fuse_odometer)(p, c, m, rows)
+    as_python(odometer.fuse_odometer)(p, c, m, rows)
 
 
 def measure_barometer(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.value, m.sigma = c.nav.t_ns, BAROMETER_SOURCE, 130.0, 100.0
-    interpreted(barometer.fuse_barometer)(p, c, m, rows)
+    as_python(barometer.fuse_barometer)(p, c, m, rows)
 
 
 def measure_pose(p, c, fix):
@@ -227,21 +238,21 @@ def measure_pose(p, c, fix):
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.sigma = c.nav.t_ns, POSE_SOURCE, 50.0
     m.value[:4] = fix.lat, fix.lon, fix.height, 1.0
-    interpreted(external_pose.fuse_pose)(p, c, m, rows)
+    as_python(external_pose.fuse_pose)(p, c, m, rows)
 
 
 def measure_external_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.sigma, m.value[:3] = c.nav.t_ns, VELOCITY_SOURCE, 50.0, fix.v
-    interpreted(external_velocity.fuse_external_velocity)(p, c, m, rows)
+    as_python(external_velocity.fuse_external_velocity)(p, c, m, rows)
 
 
 def measure_body_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     m = record(np.zeros(1, MEASUREMENT))
     m.t_ns, m.kind, m.sigma, m.value[:3] = c.nav.t_ns, BODY_VELOCITY_SOURCE, 50.0, (9.0, 1.0, -2.0)
-    interpreted(external_velocity.fuse_external_velocity)(p, c, m, rows)
+    as_python(external_velocity.fuse_external_velocity)(p, c, m, rows)
 
 
 MEASUREMENTS = {  # measurement: rows, and the error states by which its Jacobian has elements
@@ -292,7 +303,7 @@ def innovations(recorder, measure, seed, state, step, rolling=False):
     parameters, c = record(p), record(s).core[0]
     fix = fix_near(c, np.random.default_rng(seed))
     c.scratch.x[state] = step
-    interpreted(inject_error)(parameters, c)
+    as_python(inject_error)(parameters, c)
     recorder.rows.clear()
     measure(parameters, c, fix)
     return np.array([row for row, _ in recorder.rows]), np.array([z for _, z in recorder.rows])
@@ -335,10 +346,10 @@ def transferred(seed, state, step):
     start = c.nav.lat, c.nav.lon, c.nav.height
     c.imu.rate_b = c.imu.accel_n = 0.0
     c.scratch.x[state] = step
-    interpreted(inject_error)(parameters, c)
+    as_python(inject_error)(parameters, c)
     c.cov.P[:] = [i == k and i != TIME_OFFSET for i in range(STATES) for k in range(i, STATES)]
-    interpreted(transfer_lever_arm)(parameters, c, 1.0)
-    north, east = interpreted(ned_difference)(c, start[0], start[1], c.nav.lat, c.nav.lon)
+    as_python(transfer_lever_arm)(parameters, c, 1.0)
+    north, east = as_python(ned_difference)(c, start[0], start[1], c.nav.lat, c.nav.lon)
     return np.array([north, east, start[2] - c.nav.height, *c.nav.v_n]), c.cov.P.copy()
 
 

@@ -14,7 +14,7 @@ from imud.pipeline import Filter
 
 TO_DEG = np.degrees(1.0)
 ROWS = 8  # of a golden file
-ROOM = 64  # innovations between two fixes, at most
+ROOM = 16  # innovations of a sample, a fix or a measurement, at most
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,14 @@ def run(recording, disturb=lambda samples: samples):
     measurements = recording.measurements[np.argsort(recording.measurements["arrival_ns"], kind="stable")]
     aided = np.searchsorted(samples["t_ns"], measurements["arrival_ns"])
     made = []
-    for start, stop in pairwise(np.unique([0, *aided[aided < len(samples)], len(samples)])):
-        if (aided == start).any():
-            made.append(filter_.aid(measurements[aided == start]).copy())
-        due = slice(*np.searchsorted(places, [start, stop + (stop == len(samples))]))
-        room = np.zeros(ROOM * (len(fixes[due]) + 1), INNOVATION)
-        made.append(filter_.feed(samples[start:stop], out[start:stop], fixes[due], places[due] - start, room).copy())
+    due_to_place = aided[filter_.needing_place(measurements)]  # these are prepared from the state then
+    for start, stop in pairwise(np.unique([0, *due_to_place[due_to_place < len(samples)], len(samples)])):
+        last = stop == len(samples)
+        due = slice(*np.searchsorted(places, [start, stop + last]))
+        given = slice(*np.searchsorted(aided, [start, stop]))
+        room = np.zeros(ROOM * (stop - start + len(fixes) + len(measurements)), INNOVATION)
+        block = samples[start:stop], out[start:stop], fixes[due], places[due] - start, room
+        made.append(filter_.feed(*block, measurements[given], aided[given] - start).copy())
     return out, np.concatenate([*made, filter_.pending_innovations()])
 
 

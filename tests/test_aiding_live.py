@@ -66,7 +66,7 @@ def test_a_heading_with_and_without_a_time():
         ('{"class":"HDG","heading":1e300}', "value", "heading is no number"),
         ('{"class":"HDG","heading":361}', "value", "heading_deg is 361, outside -360 to 360"),
         ('{"class":"HDG","heading":1,"sigma":0}', "value", "sigma_deg is 0, outside 0.01 to 180"),
-        ('{"class":"HDG","heading":1,"yaw":2}', "value", "HDG has no yaw; it has heading, sigma, t"),
+        ('{"class":"HDG","heading":1,"yaw":2}', "value", "HDG has no 'yaw'; it has heading, sigma, t"),
         ('{"class":"HDG","heading":1,"t":12.5}', "time", "Unix time"),
         ('{"class":"HDG","heading":1,"t":1700000005}', "time", "t is +5.0 s from its arrival"),
     ],
@@ -74,7 +74,8 @@ def test_a_heading_with_and_without_a_time():
 def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_used(line, rule, why):
     receiver = DatagramDecoder()
     assert len(decoded(receiver, line, '{"class":"HDG","heading":1}', line)) == 1
-    assert receiver.properties(NOW_NS)["refused"] == {rule: 2}
+    properties = receiver.properties(NOW_NS)
+    assert properties["refused"] == {rule: 2} and why in properties["last_refused"]
     [refused] = [text for text in receiver.messages if text.startswith("refused")]
     assert why in refused
 

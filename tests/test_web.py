@@ -284,6 +284,61 @@ async def fits(page):
     await page.size(DESKTOP)
 
 
+_COUNTED = {"age_s": 0.1, "used": 590, "rejected": 128, "ratio": 3347.1}
+SOURCES = {
+    "odometer": _COUNTED | {"scale": 1.0154, "sscale": 0.002, "share.velocity": 0.07, "share.heading": 0.004}
+    | {"finding": "the accelerometer contradicts it"},
+    "barometer": _COUNTED | {"rejected": 0, "ratio": 0.33, "age_s": 7.4, "offset_m": -29.4, "soffset_m": 0.41},
+}  # fmt: skip
+PORTS = (
+    {
+        "path": "/dev/imu",
+        "streaming": True,
+        "model": "M-G350",
+        "serial": "S42",
+        "baud": 460800,
+        "health": "odd; and more",
+    },
+    {"path": "/dev/wheel", "streaming": False, "description": "there is no /dev/wheel; trying again"},
+    {"path": "/dev/baro", "streaming": True, "driver": "nmea", "baud": 4800, "health": "stale"},
+)
+MEASUREMENTS = [
+    "odometer not used: the accelerometer contradicts it 590 used, 128 rejected ratio 3347 scale 1.0154 ± 0.002"
+    " share: velocity 7 %",
+    "barometer silent for 7 s 590 used, 0 rejected ratio 0.33 offset -29.4 ± 0.41 m",
+    "refused 3 for value; the last line: <b>BARO</b> without pressure",
+]
+DEVICES = ["imu M-G350 S42, 460800 baud", "wheel there is no /dev/wheel; trying again", "baro nmea, 4800 baud; stale"]
+SAID = (
+    "[...document.querySelectorAll('#%s tr')].map((row) => [...row.children].map((cell) => cell.textContent)"
+    ".filter(Boolean).join(' '))"
+)
+RED = "[...document.querySelectorAll('#aiding tr.bad, #health tr:has(.bad)')].map((row) => row.children[0].textContent)"
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium here")
+@pytest.mark.parametrize("size", [DESKTOP, PHONE])
+def test_the_page_shows_each_port_and_each_source_of_measurements_and_why_one_is_not_used(size, tmp_path):
+    status = {"class": "STATUS", "aiding.refused.value": 3, "aiding.last_refused": "<b>BARO</b> without pressure"}
+    status |= {f"aiding.sources.{name}.{key}": value for name, its in SOURCES.items() for key, value in its.items()}
+    status |= {f"ports.{i}.{key}": value for i, port in enumerate(PORTS) for key, value in port.items()}
+    est = EST | {"imu_health": "odd", "gnss_health": "ok"}
+
+    async def look(url, answer):
+        async with scripted_daemon(tmp_path / "gpsd.sock", *answer), browser(tmp_path / "profile") as page:
+            await page.open(url)
+            await page.size(size)
+            await page.until(f"{SAID % 'aiding'}.length === 3")
+            assert await page.evaluate(SAID % "aiding") == MEASUREMENTS
+            assert (await page.evaluate(SAID % "health"))[:3] == DEVICES
+            assert await page.evaluate(RED) == ["wheel", "baro", "inertial sensor", "odometer", "barometer"]
+            await page.until(f"document.documentElement.scrollWidth <= {size[0]}")
+            assert page.errors == []
+
+    with page_server(tmp_path / "gpsd.sock") as url:
+        asyncio.run(look(url, [json.dumps(line).encode() for line in ({"class": "VERSION"}, est, status)]))
+
+
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_the_page_shows_what_the_filter_has_found_of_receiver_and_vehicle(tmp_path):
     states = {"time_offset_s": 0.153, "stime_offset_s": 0.0121, "mount_yaw_deg": 0.3, "smount_yaw_deg": 0.2}

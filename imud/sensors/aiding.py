@@ -87,6 +87,7 @@ class DatagramDecoder:
         self.messages: list[str] = []  # what is new, until the daemon has logged it
         self._received: dict[str, SourceCounter] = {}
         self._refused = Counter[str]()
+        self._last_refused: str | None = None
 
     def decode(
         self, data: bytes, known: Iterable[AidingSource], now_ns: int, unix_ns: int
@@ -103,7 +104,8 @@ class DatagramDecoder:
             try:
                 yield self._measurement(line, sources, now_ns, unix_ns)
             except ValueError as error:
-                self.refuse(error.rule if isinstance(error, _RefusedError) else "value", f"{error}: {_shown(line)}")
+                self._last_refused = f"{error}: {_shown(line)}"
+                self.refuse(error.rule if isinstance(error, _RefusedError) else "value", self._last_refused)
 
     def refuse(self, rule: str, why: str) -> None:
         """Count what cannot be used, and log the first of each kind."""
@@ -145,7 +147,7 @@ class DatagramDecoder:
     def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows."""
         sources = {name: received.table(now_ns) for name, received in self._received.items()}
-        return {"sources": sources, "refused": dict(self._refused)}
+        return {"sources": sources, "refused": dict(self._refused), "last_refused": self._last_refused}
 
 
 def _object(line: bytes) -> dict[str, Any]:
@@ -175,7 +177,8 @@ def _row(source: AidingSource, values: dict[str, Any]) -> dict[str, float]:
     """The values by column. Raises ValueError for one that is missing, unknown or no number."""
     names = {source.short_name(column): column for column in source.names}
     if unknown := values.keys() - names.keys():
-        raise ValueError(f"{source.message} has no {', '.join(sorted(unknown))}; it has {', '.join(names)}, t")
+        others = ", ".join(_shown(name.encode()) for name in sorted(unknown))
+        raise ValueError(f"{source.message} has no {others}; it has {', '.join(names)}, t")
     row = {names[name]: _number(name, value) for name, value in values.items()}
     for column in source.missing(name for name, number in row.items() if not math.isnan(number)):
         raise ValueError(f"{source.message} without {source.short_name(column)}")

@@ -67,6 +67,8 @@ def measurements(aiding: Table) -> Iterator[str]:
         yield from _share(source)
     if refused := aiding.get("refused"):
         yield "refused: " + ", ".join(f"{count} for {rule}" for rule, count in refused.items())
+    if "last_refused" in aiding:
+        yield from textwrap.wrap(f"the last line that was: {aiding['last_refused']}", _WIDTH, initial_indent="  ")
 
 
 def _use(source: Table) -> str:
@@ -74,8 +76,12 @@ def _use(source: Table) -> str:
     if "used" not in source:
         return ""
     ratio = source.get("ratio")
-    text = "" if ratio is None else _marked(f", ratio {ratio:.2g}", is_beyond("innovation_ratio", ratio))
+    text = "" if ratio is None else _marked(f", ratio {_two_digits(ratio)}", is_beyond("innovation_ratio", ratio))
     return f"; {source['used']} used, {source['rejected']} rejected{text}"
+
+
+def _two_digits(number: float) -> str:
+    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"
 
 
 def _estimates(source: Table) -> Iterator[str]:

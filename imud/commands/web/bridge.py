@@ -13,16 +13,17 @@ from ..status.notable_states import notable_states
 RATE_HZ = 20
 _WATCH = {"enable": True, "json": True, "rate": RATE_HZ, "class": "ATT,EST,SKY,TPV"}
 _STATES = "states."
+_SHOWN = ("ports.", "aiding.sources.", "aiding.refused.", "aiding.last_refused")
 _LINE_MAX = 1 << 20  # bytes
 _RETRY_S = 1.0
-_REQUEST_S = 1.0  # between requests of what the daemon does not send by itself: devices, recordings
+_REQUEST_S = 1.0  # between requests of what the daemon does not send by itself: recordings, status
 
 
 def _shown(status: dict[str, Any]) -> dict[str, Any]:
-    """What the page shows of the flat status: the aiding sources, and in words what the filter has found."""
+    """What the page shows of the flat status: ports, aiding sources, and in words what the filter has found."""
     states = {key.removeprefix(_STATES): value for key, value in status.items() if key.startswith(_STATES)}
-    sources = {key: value for key, value in status.items() if key.startswith("aiding.sources.")}
-    return {"class": "STATUS", "found": notable_states(states), **sources}
+    shown = {key: value for key, value in status.items() if key.startswith(_SHOWN)}
+    return {"class": "STATUS", "found": notable_states(states), **shown}
 
 
 class Snapshot(NamedTuple):
@@ -88,7 +89,7 @@ class Bridge:
     async def _send_requests(self, writer: asyncio.StreamWriter) -> None:
         writer.write(b"?WATCH=" + json.dumps(_WATCH).encode() + b"\n")
         while True:
-            writer.write(b"?DEVICES\n?RECORD\n?STATUS\n")
+            writer.write(b"?RECORD\n?STATUS\n")
             await asyncio.sleep(_REQUEST_S)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:

@@ -42,10 +42,14 @@ function words(name, text, kind) {
   return row;
 }
 
-function devices(news) {
-  return (news.DEVICES?.devices ?? []).map(({ subtype, driver, sernum, path, bps, activated }) => {
-    const name = [subtype || driver, sernum].filter(Boolean).join(" ");
-    return words(path.split("/").at(-1), activated ? `${name}${bps ? `, ${bps} baud` : ""}` : "not connected", activated ? "" : "bad");
+// A row for each port: its device and its faults, unless the rows of sensor and receiver tell them, or why there is none.
+function ports(news) {
+  const told = [news.EST?.imu_health, news.EST?.gnss_health].filter(Boolean);
+  return parts(news.STATUS ?? {}, PORT).map(([, { path, streaming, model, driver, serial, baud, health: its, description }]) => {
+    const device = [model || driver, serial].filter(Boolean).join(" ") + (baud ? `, ${baud} baud` : "");
+    const isGood = its === "ok" || told.some((text) => its?.startsWith(text)); // EST has the beginning
+    const text = streaming ? [device, !isGood && its].filter(Boolean).join("; ") : description;
+    return words(path.split("/").at(-1), text, streaming && isGood ? "" : "bad");
   });
 }
 
@@ -56,32 +60,57 @@ function health(news, fresh) {
   });
 }
 
+const PORT = /^ports\.(\d+)\.(.+)$/;
 const SOURCE = /^aiding\.sources\.(\w+)\.(.+)$/;
+const REFUSED = "aiding.refused.";
 const STALE_S = 3;
 
-// Measurements beside fixes, a row for each source: how fast they come, and its share of what lowers the sigmas.
-function sources(news) {
+// The flat status's parts whose keys match: by the first group an object with the second one's values.
+function parts(status, pattern) {
   const found = {};
-  for (const [key, value] of Object.entries(news.STATUS ?? {})) {
-    const [, name, what] = SOURCE.exec(key) ?? [];
+  for (const [key, value] of Object.entries(status)) {
+    const [, name, what] = pattern.exec(key) ?? [];
     if (name) (found[name] ??= {})[what] = value;
   }
-  return Object.entries(found).map(([name, its]) => {
+  return Object.entries(found);
+}
+
+// What the filter has found out of a source.
+function foundOf(its) {
+  return [its.scale && `scale ${its.scale.toFixed(4)} ± ${its.sscale.toPrecision(1)}`,
+    its.offset_m != null && `offset ${its.offset_m.toFixed(1)} ± ${its.soffset_m.toPrecision(2)} m`,
+    its.boresight_deg != null && `boresight ${its.boresight_deg.toFixed(1)} ± ${its.sboresight_deg.toPrecision(1)}°`,
+    ...["roll", "pitch", "yaw"].map((angle) => [angle, its[`mount_${angle}_deg`], its[`smount_${angle}_deg`]])
+      .map(([angle, deg, sigma]) => deg != null && `${angle} ${deg.toFixed(1)} ± ${sigma.toFixed(1)}°`),
+    its.deviation_deg != null && `deviates by ${its.deviation_deg.toFixed(1)}°`,
+    its.late_s != null && `${its.late_s < 0 ? "early" : "late"} by ${Math.abs(its.late_s).toFixed(2)} s`].filter(Boolean).join(", ");
+}
+
+// Measurements beside fixes, a row for each source: whether they come and are used, what the filter has found out of
+// it, and its share of what lowers the sigmas.
+function sources(status) {
+  return parts(status, SOURCE).map(([name, its]) => {
     const shares = Object.entries(its).filter(([what, share]) => what.startsWith("share.") && share >= 0.01)
       .map(([what, share]) => `${what.slice(6)} ${Math.round(100 * share)} %`).join(", ");
-    const counts = its.used == null ? [] : [`${its.used} used, ${its.rejected} rejected`];
-    const found = [its.scale && `scale ${its.scale.toFixed(4)} ± ${its.sscale.toPrecision(1)}`,
-      its.offset_m != null && `offset ${its.offset_m.toFixed(1)} ± ${its.soffset_m.toPrecision(2)} m`,
-      its.boresight_deg != null && `boresight ${its.boresight_deg.toFixed(1)} ± ${its.sboresight_deg.toPrecision(1)}°`,
-      ...["roll", "pitch", "yaw"].map((angle) => [angle, its[`mount_${angle}_deg`], its[`smount_${angle}_deg`]])
-        .map(([angle, deg, sigma]) => deg != null && `${angle} ${deg.toFixed(1)} ± ${sigma.toFixed(1)}°`),
-      its.deviation_deg != null && `deviates by ${its.deviation_deg.toFixed(1)}°`,
-      its.late_s != null && `${its.late_s < 0 ? "early" : "late"} by ${Math.abs(its.late_s).toFixed(2)} s`].filter(Boolean).join(", ");
-    const ratio = its.ratio == null ? "" : `ratio ${its.ratio.toPrecision(2)}`;
+    const counts = its.used == null ? "" : `${its.used} used, ${its.rejected} rejected`;
+    const ratio = its.ratio == null ? "" : `ratio ${rounded(its.ratio)}`;
     const rate = its.age_s > STALE_S ? `silent for ${Math.round(its.age_s)} s` : its.rate_hz == null ? "" : `${its.rate_hz.toFixed(1)} Hz`;
-    const finding = its.finding && `not used: ${its.finding}`, isBad = finding || its.age_s > STALE_S;
-    return words(name, [finding, rate, ...counts, ratio, found, shares && `share: ${shares}`].filter(Boolean).join("; "), isBad ? "bad" : "");
+    const row = document.createElement("tr");
+    row.append(heading(name), cell(its.finding ? `not used: ${its.finding}` : rate), cell(counts), cell(ratio, "number"),
+      cell(foundOf(its)), cell(shares && `share: ${shares}`));
+    row.className = its.finding || its.age_s > STALE_S ? "bad" : "";
+    return row;
   });
+}
+
+// Lines of `aiding.listen` that could not be used, by reason.
+function refused(status) {
+  const last = status["aiding.last_refused"];
+  const counts = Object.entries(status).filter(([key]) => key.startsWith(REFUSED)).map(([key, count]) => `${count} for ${key.slice(REFUSED.length)}`);
+  const row = document.createElement("tr");
+  row.append(heading("refused"), cell([counts.join(", "), last && `the last line: ${last}`].filter(Boolean).join("; ")));
+  row.lastChild.colSpan = 5;
+  return counts.length ? [row] : [];
 }
 
 // What the filter has found of receiver and vehicle, where it differs from zero.
@@ -107,7 +136,10 @@ export function fillTables(news, fresh) {
       row.className = isBad ? "bad" : "";
       return row;
     });
-    const said = id === "health" ? [...devices(news), ...health(news, fresh), ...sources(news), ...estimated(news)] : [];
+    const said = id === "health" ? [...ports(news), ...health(news, fresh), ...estimated(news)] : [];
     document.getElementById(id).replaceChildren(...said, ...lines);
   }
+  const aiding = [...sources(news.STATUS ?? {}), ...refused(news.STATUS ?? {})];
+  document.getElementById("aiding").replaceChildren(...aiding);
+  document.getElementById("aiding").parentElement.hidden = !aiding.length;
 }

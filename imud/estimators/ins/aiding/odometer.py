@@ -27,17 +27,17 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.rotation import Vector, dot, quat_rotate, quat_rotate_back
-from ...records import DIFFERENCE_VALUE, ODOMETER, SPEED_VALUE
+from ...records import ODOMETER, SPEED_VALUE
 from ...tuning import Tunable
-from ..ekf import add_variance, innovation, innovation_variance, set_jacobian
+from ..ekf import add_variance, innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..mechanization import quaternion
 from ..state import ATTITUDE, MOUNT_PITCH, MOUNT_YAW, NEVER_NS, ODOMETER_SCALE, OTHER_AXIS, VELOCITY
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
 from .external_aid import others_of_error
-from .odometer_faults import check_step, count_use, inflate_velocity, is_frozen, step_gate, store_residual
+from .odometer_faults import after_reading_over_ground, count_use, mostly_used, reading_gate, store_residual
 from .records import CONTRADICTED, NO_DIRECTION
-from .two_wheels import fuse_yaw_rate
+from .two_wheels import fuse_yaw_rate, least_of_both, tells_yaw_rate
 
 if TYPE_CHECKING:
     from ....math.arrays import Reals
@@ -129,26 +129,25 @@ def odometer_jacobian(c: Core, forward: Vector, v_b: Vector, along: float) -> in
 
 
 @kernel
-def wheel_velocity(v_b: Vector, w: Vector, arm: Reals) -> Vector:
+def wheel_velocity(c: Core, w: Vector, arm: Reals) -> Vector:
     """Velocity of the wheel in the body, m/s, at `arm` (m) from the sensor, which turns at w (rad/s)."""
+    v = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     return (
-        v_b[0] + w[1] * arm[2] - w[2] * arm[1],
-        v_b[1] + w[2] * arm[0] - w[0] * arm[2],
-        v_b[2] + w[0] * arm[1] - w[1] * arm[0],
+        v[0] + w[1] * arm[2] - w[2] * arm[1],
+        v[1] + w[2] * arm[0] - w[0] * arm[2],
+        v[2] + w[0] * arm[1] - w[1] * arm[0],
     )
 
 
 @kernel
-def single_variance(p: Parameters, m: Measurement, reading: float, slip_sigma: float, timing: float) -> float:
-    """Variance of a single reading, (m/s)^2. slip_sigma: of slip, m/s; timing: by its unknown age, (m/s)^2."""
-    r = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.odometer_sigma
-    dead = 0.5 * p.tuning.odometer_dead_speed if abs(reading) <= p.tuning.odometer_dead_speed else 0.0
-    return r * r + dead * dead + slip_sigma * slip_sigma + timing
+def forward_acceleration(c: Core, forward: Vector) -> float:
+    """Acceleration along the forward axis, m/s^2."""
+    return dot(forward, quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2])))
 
 
 @kernel
 def time_since_reading(p: Parameters, c: Core, m: Measurement) -> float:
-    """Time since the last reading, s."""
+    """Time since the last reading, s; stores the epoch."""
     g = c.odometer
     dt = 1e-9 * (m.t_ns - g.last_ns) if g.last_ns != NEVER_NS else p.tuning.odometer_slip_time_s
     g.last_ns = m.t_ns
@@ -156,10 +155,28 @@ def time_since_reading(p: Parameters, c: Core, m: Measurement) -> float:
 
 
 @kernel
-def least(a: float, b: float, c: float) -> float:
-    """The one of three nearest to zero."""
-    ab = a if abs(a) <= abs(b) else b
-    return ab if abs(ab) <= abs(c) else c
+def current_of(m: Measurement) -> float:
+    """Sigma of the current, m/s, if the speed is one through the water; else 0."""
+    return float(m.sigma[1] if m.sigma[1] > 0.0 else 0.0)
+
+
+@kernel
+def reading_noise(
+    p: Parameters, c: Core, m: Measurement, reading: float, accel: float, dt: float
+) -> tuple[float, float, float, float]:
+    """Variances, (m/s)^2: of a single reading, what others that share its errors add, of slip; how many share slip.
+
+    accel: acceleration, m/s^2. dt: time since the last reading, s.
+    """
+    sigma = m.sigma[0] if m.sigma[0] > 0.0 else p.tuning.odometer_sigma
+    dead = 0.5 * p.tuning.odometer_dead_speed if abs(reading) <= p.tuning.odometer_dead_speed else 0.0
+    slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
+    timing = accel * accel * (p.tuning.odometer_time_sigma**2 + c.scratch.age_variance)
+    current = current_of(m)
+    r = sigma * sigma + dead * dead + slip_sigma * slip_sigma + timing + current * current
+    others = others_of_error(dt, p.tuning.odometer_slip_time_s)
+    of_current = others_of_error(dt, p.tuning.odometer_current_s) * current * current
+    return r, others * (slip_sigma * slip_sigma + timing) + of_current, slip_sigma * slip_sigma, others
 
 
 @kernel
@@ -168,48 +185,32 @@ def fuse_odometer(p: Parameters, c: Core, m: Measurement, innovations: list[Inno
     dt = time_since_reading(p, c, m)
     add_variance(c, ODOMETER_SCALE, p.tuning.odometer_scale_psd * dt)
     forward = forward_axis(c)
-    v_b = quat_rotate_back(quaternion(c), (c.nav.v_n[0], c.nav.v_n[1], c.nav.v_n[2]))
     w = (c.imu.w[0] - c.nav.bg[0], c.imu.w[1] - c.nav.bg[1], c.imu.w[2] - c.nav.bg[2])
-    wheel = wheel_velocity(v_b, w, p.odometer_lever_arm)
-    a = quat_rotate_back(quaternion(c), (c.imu.accel_n[0], c.imu.accel_n[1], c.imu.accel_n[2]))
-    accel, along = dot(forward, a), dot(forward, wheel)
+    wheel = wheel_velocity(c, w, p.odometer_lever_arm)
+    along, accel = dot(forward, wheel), forward_acceleration(c, forward)
     length = odometer_jacobian(c, forward, wheel, along)
-    predicted_sigma = math.sqrt(max(innovation_variance(c, length), 0.0))
-    reading = signed_reading(p, c, m.value[SPEED_VALUE], along, predicted_sigma)
+    sigma = math.sqrt(max(innovation_variance(c, length), 0.0))
+    reading = signed_reading(p, c, m.value[SPEED_VALUE], along, sigma)
     if not math.isfinite(reading):
         c.odometer.unused = NO_DIRECTION
         return 0
     ahead_s = 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     predicted = (1.0 + c.nav.odometer_scale) * (along + accel * ahead_s)
-    z = reading - predicted
-    slip_sigma = (p.tuning.odometer_slip + p.tuning.odometer_slip_per_accel * abs(accel)) * abs(reading)
-    current = m.sigma[1] if m.sigma[1] > 0.0 else 0.0
-    timing = accel * accel * (p.tuning.odometer_time_sigma**2 + c.scratch.age_variance)
-    r = single_variance(p, m, reading, slip_sigma, timing) + current * current
-    correlated = slip_sigma * slip_sigma + timing
-    others = others_of_error(dt, p.tuning.odometer_slip_time_s)
-    n = 0
-    if math.isfinite(m.value[DIFFERENCE_VALUE]) and p.track_width > 0.0 and c.odometer.direction != 0.0:
-        contradiction = fuse_yaw_rate(p, c, m, w, (r, slip_sigma * slip_sigma, others), dt, innovations)
-        n, z = 1, least(z, z + 0.5 * contradiction, z - 0.5 * contradiction)  # of both, of the left, of the right wheel
+    z, n = reading - predicted, 0
+    r, shared, slip2, others = reading_noise(p, c, m, reading, accel, dt)
+    if tells_yaw_rate(p, c, m):
+        contradiction = fuse_yaw_rate(p, c, m, w, (r, slip2, others), dt, innovations)
+        z, n = least_of_both(z, contradiction), 1
         length = odometer_jacobian(c, forward, wheel, along)
-    shared = others * correlated + others_of_error(dt, p.tuning.odometer_current_s) * current * current
-    frozen = is_frozen(p, c, m, forward, predicted, r)
-    gate = REJECT
-    if not frozen:
-        gate = step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
-    proven = c.odometer.used_share >= p.tuning.odometer_min_used_share
-    z, s, nis = correlated_update(c, length, z, r, shared, gate if proven else REJECT, OTHER_AXIS)
+    gate = reading_gate(p, c, m, forward, predicted, length, z, r)
+    z, s, nis = correlated_update(c, length, z, r, shared, gate if mostly_used(p, c) else REJECT, OTHER_AXIS)
     used = nis >= 0.0
-    c.odometer.unused = 0 if used else CONTRADICTED
-    count_use(p, c, gate != REJECT and z * z <= gate * s, dt)
     if used or n > 0:
         correct_state(p, c)
+    count_use(p, c, gate != REJECT and z * z <= gate * s, dt)
+    c.odometer.unused = 0 if used else CONTRADICTED
     if used:
         store_residual(c, z * (r + shared) / (s + shared))
-    if used and current == 0.0:
-        c.odometer.last_used_ns = m.t_ns
-    elif current == 0.0 and not frozen:
-        check_step(p, c, forward, z, r)
-        inflate_velocity(p, c, forward, z, dt)
+    if current_of(m) == 0.0:
+        after_reading_over_ground(p, c, m, forward, z, r, dt, used)
     return write_innovation(innovations, n, m.t_ns, ODOMETER, z, s, used)

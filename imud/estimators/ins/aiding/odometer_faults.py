@@ -17,7 +17,7 @@ from ....compile.jit import kernel
 from ....math.rotation import quat_rotate
 from ...records import SPEED_VALUE
 from ...tuning import Tunable
-from ..ekf import add_covariance
+from ..ekf import add_covariance, innovation, innovation_variance
 from ..fusion import REJECT
 from ..mechanization import quaternion
 from ..state import NEVER_NS, VELOCITY
@@ -95,6 +95,12 @@ def count_use(p: Parameters, c: Core, used: bool, dt: float) -> None:
 
 
 @kernel
+def mostly_used(p: Parameters, c: Core) -> bool:
+    """Whether most readings pass the gate."""
+    return bool(c.odometer.used_share >= p.tuning.odometer_min_used_share)
+
+
+@kernel
 def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
     """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
 
@@ -103,7 +109,7 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
     last_ns = c.odometer.last_used_ns
     if last_ns == NEVER_NS or 1e-9 * (c.nav.t_ns - last_ns) > p.tuning.odometer_max_inflation_s:
         return
-    if c.odometer.used_share < p.tuning.odometer_min_used_share:
+    if not mostly_used(p, c):
         return
     most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_inflation_time_s)
     q = min(most, p.tuning.odometer_inflation_psd) * min(dt, p.tuning.odometer_inflation_time_s)
@@ -197,3 +203,25 @@ def is_frozen(p: Parameters, c: Core, m: Measurement, forward: Vector, predicted
     if reading != 0.0 and 1e-9 * (m.t_ns - g.changed_ns) > longest:
         g.frozen = 1
     return bool(g.frozen)
+
+
+@kernel
+def reading_gate(
+    p: Parameters, c: Core, m: Measurement, forward: Vector, predicted: float, length: int, z: float, r: float
+) -> float:
+    """Gate of a reading, or REJECT; arguments: see `is_frozen` and `step_gate`; its Jacobian has `length` elements."""
+    if is_frozen(p, c, m, forward, predicted, r):
+        return REJECT
+    return step_gate(p, c, forward, innovation(c, length, z), innovation_variance(c, length) + r, r)
+
+
+@kernel
+def after_reading_over_ground(
+    p: Parameters, c: Core, m: Measurement, forward: Vector, z: float, r: float, dt: float, used: bool
+) -> None:
+    """After a reading was used or rejected, and its correction injected. One through the water tells none of this."""
+    if used:
+        c.odometer.last_used_ns = m.t_ns
+    elif not c.odometer.frozen:
+        check_step(p, c, forward, z, r)
+        inflate_velocity(p, c, forward, z, dt)

@@ -11,6 +11,7 @@ better with the estimate, and is gated as always.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
@@ -53,6 +54,20 @@ TUNABLES = (
         "Vibration; turns begin within 30 ms.",
     ),
 )
+
+
+@kernel
+def tells_yaw_rate(p: Parameters, c: Core, m: Measurement) -> bool:
+    """Whether a reading is of two wheels whose distance, and whose direction of motion, is known."""
+    return bool(math.isfinite(m.value[DIFFERENCE_VALUE]) and p.track_width > 0.0 and c.odometer.direction != 0.0)
+
+
+@kernel
+def least_of_both(z: float, contradiction: float) -> float:
+    """Of the innovations of the mean, z, and of either wheel, m/s, the one nearest to zero: the other wheel slips."""
+    left, right = z + 0.5 * contradiction, z - 0.5 * contradiction
+    nearer = z if abs(z) <= abs(left) else left
+    return nearer if abs(nearer) <= abs(right) else right
 
 
 @kernel

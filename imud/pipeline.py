@@ -15,12 +15,15 @@ from imud.drivers.sample import MOUNTING_UNKNOWN, SAMPLE
 
 from .clocks.counter import new_clock
 from .compile.hashing import digest_of
+from .compile.jit import interpreted
 from .configuration.settings import Initial, Settings
 from .estimators import Estimator
 from .estimators.filter_states import ATTITUDE_BLOCK, FILTER_STATES
 from .estimators.records import FIX, INNOVATION, MAGNETOMETER_SOURCE, MEASUREMENT, PENDING_MAX, SOLUTION
-from .math.arrays import Records
+from .math.arrays import Floats, Records
+from .math.rotation import dcm_of_quat
 from .sensor_errors.calibration import Calibration, corrected_fields, correction
+from .sensor_errors.mounting_error import added_covariance
 from .sensor_errors.profiles import profile_of, ranges_of
 from .sensor_errors.stored_biases import Biases
 from .sensor_monitor.health import new_health
@@ -234,10 +237,19 @@ class Filter:
         """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""
         read = self.estimator.filter_states
         rows = np.zeros(0, FILTER_STATES) if read is None else read(self.state)
-        unknown = self.correction["flags"][0] & MOUNTING_UNKNOWN
-        mounting = math.pi if unknown else float(self.correction["mounting_sigma"][0])  # as `stages.add_mounting`
-        rows["covariance"][:, np.diag(ATTITUDE_BLOCK)] += mounting**2
+        if len(rows) and self.estimator.attitude is not None:
+            rows["covariance"][:, ATTITUDE_BLOCK] += self._mounting_covariance(self.estimator.attitude(self.state))
         return rows
+
+    def _mounting_covariance(self, q_nb: Floats) -> Floats:
+        """Of a rotation in navigation axes, as `stages.add_mounting` takes it."""
+        if self.correction["flags"][0] & MOUNTING_UNKNOWN:
+            return np.eye(3) * math.pi**2
+        w, x, y, z = q_nb.tolist()
+        turn = interpreted(dcm_of_quat)((w, x, y, z))
+        error = self.correction.view(np.recarray)[0].mounting_error
+        n00, n01, n02, n11, n12, n22 = interpreted(added_covariance)(error, turn)
+        return np.array([[n00, n01, n02], [n01, n11, n12], [n02, n12, n22]])
 
     def findings(self) -> tuple[str, ...]:
         """What the estimator has found that contradicts the settings, in words."""

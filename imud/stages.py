@@ -23,13 +23,16 @@ from .errors import ImudError
 from .estimators import Estimator
 from .estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from .math.arrays import Integers, Records
-from .sensor_errors.calibration import CORRECTION, correct
+from .math.rotation import dcm_of_quat, euler_variances
+from .sensor_errors.calibration import CORRECTION, MAX_MOUNTING_SIGMA_DEG, correct
+from .sensor_errors.mounting_error import added_covariance
 from .sensor_monitor.health import HEALTH, check_sample
 
 Kernel = Callable[..., Any]
 BATCH = 1024  # samples one call may yield: more than a reading can hold of the shortest frames, lines of 6 bytes
 RX = 65536  # bytes
 BYTE = np.dtype(np.uint8)
+_MAX_MOUNTING_VARIANCE = math.radians(MAX_MOUNTING_SIGMA_DEG) ** 2
 
 INERTIAL_PIPELINE = np.dtype(
     [
@@ -121,9 +124,16 @@ def _has_none(state: Any, innovations: Any) -> int:
 @kernel
 def add_mounting(sample: Any, errors: Any, solution: Any) -> None:
     """The attitude of a sensor is the body's only where its mounting is known, and as well as that is known."""
-    if errors.mounting_sigma > 0.0:
+    if errors.mounting_error.angle_sigma > 0.0:
+        q = (solution.q_nb[0], solution.q_nb[1], solution.q_nb[2], solution.q_nb[3])
+        n00, n01, n02, n11, n12, n22 = added_covariance(errors.mounting_error, dcm_of_quat(q))
+        added = euler_variances(q, n00, n01, n02, n11, n12, n22)
         for i in range(3):
-            solution.sigma_rpy[i] = elementary.hypot(solution.sigma_rpy[i], errors.mounting_sigma)
+            solution.sigma_rpy[i] = elementary.hypot(solution.sigma_rpy[i], added[i] ** 0.5)
+        if max(added[0], added[1]) > _MAX_MOUNTING_VARIANCE:
+            solution.status &= ~(ATTITUDE_VALID | HEADING_VALID)
+        elif added[2] > _MAX_MOUNTING_VARIANCE:
+            solution.status &= ~HEADING_VALID
     if sample.flags & MOUNTING_UNKNOWN != 0:
         solution.status &= ~(ATTITUDE_VALID | HEADING_VALID)
         for i in range(3):

@@ -21,6 +21,7 @@ from imud.estimators.ins.state import STATES as ERROR_STATES
 from imud.estimators.records import FIX
 from imud.filter_state_names import COVARIANCES, STATES
 from imud.math.kalman import unpack
+from imud.sensor_errors.mounting_error import set_covariance
 from imud.tables.filter_states import FilterStates, write_states
 
 MOUNT = Rotation.from_euler("ZYX", [20.0, -6.0, 0.0], degrees=True)  # of the vehicle in the body: yaw, pitch
@@ -125,14 +126,17 @@ def test_the_sigma_of_a_mounting_is_in_the_covariance(driven):
     filter_ = driven[0]
     plain = matrix(filter_.filter_states()[0])
     known, unknown = np.zeros((9, 9)), np.zeros((9, 9))
-    known[[6, 7, 8], [6, 7, 8]], unknown[[6, 7, 8], [6, 7, 8]] = 0.01, math.pi**2
+    unknown[[6, 7, 8], [6, 7, 8]] = math.pi**2
+    body = np.diag([1e-4, 4e-5, 1e-5]) + 1e-5
+    turn = Rotation.from_quat(np.roll(driven[1][-1]["q_nb"], -1)).as_matrix()
+    known[6:, 6:] = turn @ body @ turn.T
     try:
-        filter_.correction["mounting_sigma"] = 0.1
-        assert matrix(filter_.filter_states()[0]) == pytest.approx(plain + known, rel=1e-12)
+        set_covariance(filter_.correction["mounting_error"], body)
+        assert matrix(filter_.filter_states()[0]) == pytest.approx(plain + known, rel=0.001, abs=1e-9)
         filter_.correction["flags"] = MOUNTING_UNKNOWN
         assert matrix(filter_.filter_states()[0]) == pytest.approx(plain + unknown, rel=1e-12)
     finally:
-        filter_.correction["mounting_sigma"] = filter_.correction["flags"] = 0
+        filter_.correction["mounting_error"], filter_.correction["flags"] = 0, 0
 
 
 def test_what_likely_faults_add_to_a_stated_sigma_is_in_the_covariance(driven):

@@ -14,7 +14,7 @@ from imud.daemon.relative_mountings import Mounted, RelativeMountings
 from imud.drivers.sample import SAMPLE
 from imud.folders import boot_id
 from imud.sensor_errors import stored_rotation
-from imud.sensor_errors.calibration import UNKNOWN_MOUNTING, Calibration, Mounting, correction
+from imud.sensor_errors.calibration import UNKNOWN_MOUNTING, Calibration, correction, relative_mounting_of
 from imud.sensors.relative_rotation import Rotation
 
 SITS = {  # from the sensor's axes to the vehicle's
@@ -49,7 +49,7 @@ def find(spare, used):
     """A run in which motion shows how the spare sits, and which stores it."""
     mountings, _ = run()
     turn = used.turn @ SITS[used.path].inv().as_matrix() @ SITS[spare.path].as_matrix() @ spare.turn.T
-    mountings.found(spare, used, Rotation(turn, SIGMA))
+    mountings.found(spare, used, Rotation(turn, SIGMA**2 * np.eye(3)))
     for each in mountings.to_store({spare.path, used.path}):
         stored_rotation.save(each, KEPT_NS)
 
@@ -173,7 +173,7 @@ def test_it_is_known_less_well_from_day_to_day():
     mountings, _ = run()
     mountings.recall(sensor("S", WRONG), sensor("U"), KEPT_NS)
     relative = mountings.applied_to(Calibration(""), "S").relative_mounting
-    assert relative.sigma_deg == pytest.approx([np.sqrt(1.0 + 9.0)] * 3, rel=1e-3)
+    assert np.array(relative.covariance_deg2) == pytest.approx((1.0 + 9.0) * np.eye(3), rel=1e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize("estimator", ["attitude", "navigation", "tilt"])
@@ -183,7 +183,7 @@ def test_an_attitude_is_as_well_known_as_the_mounting(estimator):
     out = {}
     for sigma_deg in (0.0, 2.0):
         filter_ = new_filter(estimator, rows, Settings())
-        relative = Mounting("", (0.0, 0.0, 0.0), (sigma_deg,) * 3)
+        relative = relative_mounting_of(np.eye(3), np.radians(sigma_deg) ** 2 * np.eye(3))
         filter_.calibrate(Calibration("", relative_mounting=relative))
         out[sigma_deg] = replay(filter_, rows.copy())[0]["sigma_rpy"]
     assert np.degrees(out[2.0]) == pytest.approx(np.hypot(np.degrees(out[0.0]), 2.0))

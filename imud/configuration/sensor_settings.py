@@ -11,7 +11,8 @@ Mounts = Annotated[
     dict[str, tuple[Angle, Angle, Angle]],
     Meta(
         max_length=64,
-        description="The same of sensors that sit otherwise, as a spare may: by serial number, or DEV of `ports`.",
+        description="The same of sensors that sit otherwise, as a spare may: by serial number, or DEV of `ports`. A "
+        "spare that is named here has a heading also if it takes over before motion has shown how it sits.",
     ),
 ]
 

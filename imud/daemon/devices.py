@@ -181,13 +181,12 @@ class Devices:
         Where it is not known which one is wrong, the filter continues as after a power-on: the biases of the sensor in
         use may have changed.
         """
-        disagreed = bool(self.spares.findings(port))
+        disagreed = self.spares.disagrees(port)
         self.spares.update(port, sensor)
-        findings, successor = self.spares.findings(port), self.spares.successor()
-        if self.spares.is_wrong(port) and successor and not self.spares.is_wrong(successor):
-            port.lost(findings[0])
+        if self.spares.should_replace(port):
+            port.lost(self.spares.findings(port)[0])
             self._take_over()
-        elif findings and not disagreed:
+        elif self.spares.disagrees(port) and not disagreed:
             driver = by_name(sensor.configured.identity.driver)
             if driver.kind == "imu":
                 self._use(port, driver, replace(sensor.configured, still_powered=False))

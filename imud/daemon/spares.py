@@ -44,6 +44,7 @@ class Spares:
         self._compared: set[str] = set()
         self._unresolved: dict[str, str] = {}  # by path: which sensor went away while they disagreed
         self._known: dict[str, Calibration] = {}  # by path: of the spares, without their relative mountings
+        self._is_told: dict[str, bool] = {}  # by path: of the spares, as `RelativeMountings.sigma`
 
     def add(
         self,
@@ -66,11 +67,15 @@ class Spares:
         self.sensors[port] = spare
         self._mountings.recall(_mounted(port, spare), _mounted(*used), now_ns)
         filter_.calibrate(self._mountings.tried_on(calibration, path))
+        named = {path, configured.identity.serial} & set(settings.imu.mounts)
+        self._is_told[path] = bool(named) or calibration.mounting is not None
         self._compare(port, spare)
 
     def _compare(self, port: "Port", sensor: Inertial) -> None:
-        self._comparison.join(port.spec.path, profile_of(sensor.pipeline.filter.settings), sensor.has_gyros)
-        self._compared.add(port.spec.path)
+        path, profile = port.spec.path, profile_of(sensor.pipeline.filter.settings)
+        sigma = self._mountings.sigma(path, self._is_told[path]) if port in self.sensors else 0.0
+        self._comparison.join(path, profile, sensor.has_gyros, sigma)
+        self._compared.add(path)
 
     def remove(self, port: "Port") -> None:
         """A sensor, spare or in use, streams no more, or becomes the one in use."""
@@ -81,6 +86,9 @@ class Spares:
                 self._unresolved[path] = port.spec.path
                 if is_reference and "forces" in verdict.groups:
                     self._mountings.lose(path)
+        if not was_spare:
+            for path in [spare.spec.path for spare in self.sensors]:
+                self._mountings.settle(path, port.spec.path, self._comparison.possible_rotation(path, port.spec.path))
         for path in list(self._compared) if not self.sensors else self._compared & {port.spec.path}:
             self._compared.remove(path)
             self._comparison.leave(path)
@@ -150,9 +158,16 @@ class Spares:
         text = f"disagreed with {gone} until that went away: see imu.mounts" if gone else ""
         if port not in self.sensors and self._mountings.is_unknown(path):
             text = f"{text or 'how it sits is not known: see imu.mounts'}; until then its attitude is not valid"
+        elif port not in self.sensors and self._mountings.is_partly_unknown(path):
+            text = "no motion beside another sensor has shown how it is turned about the vertical: see imu.mounts"
+            text = f"{text}; until then its heading is not valid"
         if (verdict := self._comparison.verdicts.get(path)) is not None:
             text = verdict.text
         return (f"inertial sensor on {path}: {text}",) if text else ()
+
+    def disagrees(self, port: "Port") -> bool:
+        """Whether that sensor disagrees with another one that streams."""
+        return port.spec.path in self._comparison.verdicts
 
     def is_wrong(self, port: "Port") -> bool:
         """Whether it is known that this is the sensor that is wrong."""
@@ -160,8 +175,21 @@ class Spares:
         return verdict is not None and verdict.is_wrong
 
     def successor(self) -> "Port | None":
-        """The spare that takes over best."""
-        return min(self.sensors, key=self.is_wrong, default=None)
+        """The spare that takes over best: not a wrong one, and the one of which others are spares."""
+        return min(self.sensors, key=lambda p: (self.is_wrong(p), not self._is_reference(p)), default=None)
+
+    def should_replace(self, port: "Port") -> bool:
+        """Whether the successor of the sensor in use is to take over now: that is wrong, or how it sits is not known,
+        and the sensor that it has replaced is back.
+        """
+        successor, mountings = self.successor(), self._mountings
+        if successor is None or self.is_wrong(successor):
+            return False
+        is_unknown = mountings.is_unknown(port.spec.path) or mountings.is_partly_unknown(port.spec.path)
+        return self.is_wrong(port) or (is_unknown and self._is_reference(successor))
+
+    def _is_reference(self, port: "Port") -> bool:
+        return self._mountings.is_reference(port.spec.path)
 
 
 def _mounted(port: "Port", sensor: Inertial) -> Mounted:

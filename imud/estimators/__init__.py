@@ -63,6 +63,7 @@ class Estimator:
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None  # latitude, longitude, rad; height, m
     filter_states: Callable[[Records], Records] | None = None  # at most one row of FILTER_STATES
+    attitude: Callable[[Records], Floats] | None = None  # q_nb, of those whose `filter_states` have its covariance
 
     @property
     def table(self) -> str:

@@ -22,12 +22,13 @@ from ..errors import BadDataError, CannotCreateError, InputMissingError
 from ..folders import folders_for, read_file
 from ..math.rotation import dcm_of_quat, quat_of_euler
 from .magnetometer import REMAINING_T
+from .mounting_error import MOUNTING_ERROR, set_covariance
 
 Triple = tuple[float, float, float]
 StoredTime = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # ns; JSON knows integers of any length
 Matrix = tuple[Triple, Triple, Triple]
 NOTHING: Triple = (0.0, 0.0, 0.0)
-MAX_MOUNTING_SIGMA_DEG = 10.0  # of one that counts as known
+MAX_MOUNTING_SIGMA_DEG = 10.0  # of an angle that counts as known
 _COMMON = Path("/var/lib/imud")
 _MOST = {  # beyond any sensor, of what samples are corrected by
     "bias_radps": 10.0,
@@ -81,7 +82,25 @@ class Mounting(_Part, frozen=True, forbid_unknown_fields=True):
     sigma_deg: Triple
 
 
-UNKNOWN_MOUNTING = Mounting("", NOTHING, (180.0, 180.0, 180.0))
+class RelativeMounting(_Part, frozen=True, forbid_unknown_fields=True):
+    """The axes that a sensor's mounting gives, in the body axes of a sensor that was in use before."""
+
+    rpy_deg: Triple
+    covariance_deg2: Matrix  # of a small rotation in body axes
+
+    @property
+    def sigma_deg(self) -> float:
+        """Of the axis about which it is known worst."""
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance_deg2)[-1]))
+
+
+UNKNOWN_MOUNTING = RelativeMounting(NOTHING, ((180.0**2, 0.0, 0.0), (0.0, 180.0**2, 0.0), (0.0, 0.0, 180.0**2)))
+
+
+def relative_mounting_of(turn: NDArray[np.float64], covariance: NDArray[np.float64]) -> RelativeMounting:
+    """That of a rotation matrix [3, 3] to body axes, and its covariance [3, 3], rad^2."""
+    (a, b, c), (d, e, f), (g, h, i) = np.degrees(np.degrees(covariance)).tolist()
+    return RelativeMounting(mounting_of(turn, NOTHING).rpy_deg, ((a, b, c), (d, e, f), (g, h, i)))
 
 
 def mounting_of(turn: NDArray[np.float64], sigma_rad: Triple, date: str = "") -> Mounting:
@@ -112,7 +131,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accelerometer: Accelerometer | None = None
     mounting: Mounting | None = None
     magnetometer: Magnetometer | None = None
-    relative_mounting: Mounting | None = None  # besides `mounting`, against a sensor in use before; never in a file
+    relative_mounting: RelativeMounting | None = None  # against a sensor in use before; never in a file
 
     @property
     def parts(self) -> dict[str, str]:
@@ -131,7 +150,7 @@ CORRECTION = np.dtype(
         ("accel_bias", "<f8", (3,)),  # m/s^2
         ("turn", "<f8", (9,)),  # of directions: the mounting alone
         ("flags", "<i8"),  # of every sample: MOUNTING_UNKNOWN or 0
-        ("mounting_sigma", "<f8"),  # rad, of a relative mounting; 0: there is none
+        ("mounting_error", MOUNTING_ERROR),  # of a relative mounting
         ("field", "<f8", (9,)),  # row-major, from the magnetometer's to body axes
         ("field_bias", "<f8", (3,)),  # T, its axes
         ("field_sigma", "<f8"),  # T, of a component of the corrected field; NaN: not known
@@ -156,8 +175,8 @@ def correction(
     c = np.zeros(1, CORRECTION)
     if (relative := calibration.relative_mounting) is not None:
         turn = _rotation(relative.rpy_deg) @ turn
-        c["flags"] = MOUNTING_UNKNOWN if max(relative.sigma_deg) > MAX_MOUNTING_SIGMA_DEG else 0
-        c["mounting_sigma"] = math.radians(max(relative.sigma_deg))
+        c["flags"] = MOUNTING_UNKNOWN if relative == UNKNOWN_MOUNTING else 0
+        set_covariance(c["mounting_error"], np.radians(np.radians(relative.covariance_deg2)))
     field, c["field_sigma"] = _rotation(magnetometer_mount_rpy_deg), math.nan
     if (magnetometer := calibration.magnetometer) is not None:
         field, c["field_bias"] = field @ np.array(magnetometer.matrix), 1e-6 * np.array(magnetometer.bias_ut)

@@ -6,7 +6,7 @@ not quite those of the settings. Both are learned, axis by axis, from the switch
 state is a bias and three slopes. A difference that this does not explain for `LASTING` seconds is a disagreement.
 
 A rotation between the two is learned beside it (`RelativeRotation`): where one explains what disagrees, a sensor sits
-otherwise than its mounting in the settings says.
+otherwise than its mounting in the settings says. While they agree, it is what the comparison cannot exclude.
 
 Which sensor is wrong is decided on evidence only: its own monitor finds a fault; or gravity contradicts one of the two
 and agrees with the other, since at rest its magnitude is known, and without acceleration the measured gravity rotates
@@ -14,6 +14,7 @@ at the body's rate; or a third sensor agrees with one of them.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,8 +24,9 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, SATURATED, SUSPECT
 
 from ..math.arrays import Floats, Records
 from ..math.earth import STANDARD_GRAVITY
+from ..math.rotation import UNKNOWN_ANGLE
 from ..sensor_errors.profiles import Profile
-from .relative_rotation import RelativeRotation, Rotation
+from .relative_rotation import RelativeRotation, Rotation, better_known
 
 WINDOW_NS, WINDOW_S = 1_000_000_000, 1.0
 WHOLE = 0.8  # of a window that samples must span
@@ -50,10 +52,14 @@ class Means(NamedTuple):
 
 @dataclass
 class Sensor:
-    """A sensor that streams: its errors as its profile has them, and what it sensed in the last windows."""
+    """A sensor that streams: its errors as its profile has them, and what it sensed in the last windows.
+
+    mounting_sigma: rad, about each axis, of its mounting against the others, as far as it is known without comparing.
+    """
 
     profile: Profile
     has_gyros: bool
+    mounting_sigma: float
     means: dict[int, Means] = field(default_factory=dict)  # by number of the window
     _number: int = -1
     _rows: list[Floats] = field(default_factory=list)
@@ -126,7 +132,11 @@ class Pair:
         slope2 = both("gyro_scale", "accel_scale") + MOUNTING**2
         self._state = np.zeros((6, 4))
         self._cov = np.array([np.diag((bias2, s2, s2, s2)) for bias2, s2 in zip(self._bias2, slope2, strict=True)])
-        self._rotation = RelativeRotation(tuple(float(self._bias2[_AXES[group]].max()) for group in groups))
+        biases2 = tuple(float(self._bias2[_AXES[group]].max()) for group in groups)
+        scale2 = sum(max(p.accel_scale, p.gyro_scale) ** 2 for p in profiles)
+        self._rotation = RelativeRotation(biases2, scale2)
+        self._mounting_sigma = math.hypot(*(each.mounting_sigma for each in sensors.values()))
+        self.possible: Rotation | None = None  # of the second sensor to the first, which they have not contradicted
 
     def compare(self) -> None:
         """Compare the means over those windows that both sensors have completed."""
@@ -156,6 +166,8 @@ class Pair:
             if not differs[i]:
                 self._state[i] += cross * (innovation / total)
                 self._cov[i] -= np.outer(cross, cross) / total
+        if not any(differs[axis].any() for axis in axes) and (now := self._rotation.solve(self._mounting_sigma)):
+            self.possible = better_known(self.possible, now)
         found = [each.contradicted_by_gravity(number) for each in self.sensors.values()]
         for group in self._lasted:
             windows = self._lasted[group] + (1 if differs[_AXES[group]].any() else -1)
@@ -210,10 +222,10 @@ class SensorComparison:
         self._pairs: list[Pair] = []
         self.verdicts: dict[str, Verdict] = {}  # by name, of those that disagree
 
-    def join(self, name: str, profile: Profile, has_gyros: bool) -> None:
-        """A sensor begins to stream."""
+    def join(self, name: str, profile: Profile, has_gyros: bool, mounting_sigma: float = UNKNOWN_ANGLE) -> None:
+        """A sensor begins to stream. mounting_sigma: see `Sensor`."""
         self.leave(name)
-        sensor = Sensor(profile, has_gyros)
+        sensor = Sensor(profile, has_gyros, mounting_sigma)
         for earlier, known in self._sensors.items():
             groups = ("rates", "forces") if has_gyros and known.has_gyros else ("forces",)
             self._pairs.append(Pair({earlier: known, name: sensor}, groups))
@@ -256,10 +268,16 @@ class SensorComparison:
 
     def rotation(self, name: str, other: str) -> Rotation | None:
         """From the axes of `name` to those of `other`, where that explains why the two disagree and is known."""
+        return self._between(name, other, Pair.rotation)
+
+    def possible_rotation(self, name: str, other: str) -> Rotation | None:
+        """The same while they agree: what the comparison has not excluded; None: they have hardly been compared."""
+        return self._between(name, other, lambda pair: pair.possible)
+
+    def _between(self, name: str, other: str, rotation: Callable[[Pair], Rotation | None]) -> Rotation | None:
         for pair in self._of(name):
-            if other in pair.sensors and (found := pair.rotation()) is not None:
-                second = list(pair.sensors)[1] == name
-                return found if second else found._replace(matrix=found.matrix.T)
+            if other in pair.sensors and (found := rotation(pair)) is not None:
+                return found if list(pair.sensors)[1] == name else found.inverse
         return None
 
     def _of(self, name: str) -> list[Pair]:

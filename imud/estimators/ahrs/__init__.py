@@ -11,7 +11,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter (2017), s
 
 from .. import Estimator
 from .filter import step
-from .filter_states import filter_states
+from .filter_states import attitude, filter_states
 from .parameters import TUNABLES
 from .setup import backward_tuning, checkpoint, configure, restore_biases, resume, start
 
@@ -31,4 +31,5 @@ ESTIMATOR = Estimator(
     rates_of_interval=True,
     tunables=TUNABLES,
     filter_states=filter_states,
+    attitude=attitude,
 )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ...filter_state_names import PLACES
-from ...math.arrays import Records
+from ...math.arrays import Floats, Records
 from ..filter_states import ATTITUDE_BLOCK, FILTER_STATES, in_triangle
 from .state import ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_MATRIX, STATES, VELOCITY
 
@@ -20,6 +20,12 @@ _NAMED = np.array([PLACES[name] for name in _NAMES])
 _IN_P = in_triangle(STATES)
 _ATTITUDE = slice(ATTITUDE, ATTITUDE + 3)
 _MOTION = np.r_[_ATTITUDE, VELOCITY : VELOCITY + 3]
+
+
+def attitude(state: Records) -> Floats:
+    """See `Estimator`."""
+    q_nb: Floats = state[0]["nav"]["q_nb"]
+    return q_nb
 
 
 def filter_states(state: Records) -> Records:

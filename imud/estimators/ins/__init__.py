@@ -23,7 +23,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 from .. import Estimator
 from .checkpoint import checkpoint, resume
 from .filter import aid, pending_innovations, step, update
-from .filter_states import filter_states
+from .filter_states import attitude, filter_states
 from .findings import findings
 from .parameters import TUNABLES, configure
 from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
@@ -52,4 +52,5 @@ ESTIMATOR = Estimator(
     place=place,
     variances=variances,
     filter_states=filter_states,
+    attitude=attitude,
 )

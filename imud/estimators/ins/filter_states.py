@@ -66,6 +66,12 @@ _HEADING_FAULTS = (
 )  # as in `solution`
 
 
+def attitude(state: Records) -> Floats:
+    """See `Estimator`."""
+    q_nb: Floats = state["core"][0, 0]["nav"]["q_nb"]
+    return q_nb
+
+
 def filter_states(state: Records) -> Records:
     """See `Estimator`. An error state is estimated once a measurement has correlated it with the motion."""
     c = state["core"][0, 0]

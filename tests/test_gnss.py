@@ -17,6 +17,7 @@ from imud.daemon.receiver_solution import solution
 from imud.drivers.fix import ReceiverStatus
 from imud.drivers.registry import by_name
 from imud.errors import BadDataError, ConfigError
+from imud.estimators.records import NEW_RECEIVER
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import View
 from imud.sensors.gnss import record, refusal
@@ -53,6 +54,20 @@ def test_a_poor_or_timeless_fix_is_refused_but_an_unknown_hdop_is_not():
     assert "no time" in str(refusal(replace(FIX, utc_s=None), Gnss()))
 
 
+class Says:
+    """A decoder of one fix a second."""
+
+    whole, counters, decoded, pending, status = 0, Counter(), 0, False, ReceiverStatus()
+
+    def __init__(self, **told):
+        self.told = told
+
+    def feed(self, data, arrival_ns):
+        self.status = ReceiverStatus(quality=1, arrival_ns=arrival_ns)
+        self.decoded += 1
+        return [replace(FIX, **self.told, arrival_ns=arrival_ns, utc_s=float(self.decoded))]
+
+
 @pytest.mark.parametrize(
     "told",
     [
@@ -69,18 +84,21 @@ def test_a_fix_that_cannot_be_is_refused_and_a_fault(told):
     assert "cannot" not in str(refusal(FIX, Gnss()))
     assert refusal(replace(FIX, **told), Gnss()).rule == "range"
 
-    class Says:  # a decoder of one fix a second
-        whole, counters, decoded, pending, status = 0, Counter(), 0, False, ReceiverStatus()
-
-        def feed(self, data, arrival_ns):
-            self.status = ReceiverStatus(quality=1, arrival_ns=arrival_ns)
-            self.decoded += 1
-            return [replace(FIX, **told, arrival_ns=arrival_ns, utc_s=float(self.decoded))]
-
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
-    receiver.decoder = Says()
+    receiver.decoder = Says(**told)
     assert not any(receiver.feed(b"", second * 10**9) for second in range(1, 9))
     assert any("beyond what can be" in fault for fault in receiver.faults(9 * 10**9))
+
+
+def test_the_first_fix_of_a_connection_says_so():
+    """It may be of another receiver than those before."""
+    receiver, decoder = Receiver(by_name("nmea"), Gnss(min_satellites=5), 0), Says(satellites=3)
+    receiver.decoder, flags = decoder, []
+    for second in range(1, 20):
+        decoder.told["satellites"] = 3 if second in (1, 2, 12) else 8
+        flags += [int(row["flags"][0]) for row in receiver.feed(b"", second * 10**9)]
+    assert receiver.refused["gnss.min_satellites"] == 3 and len(flags) > 5
+    assert flags == [NEW_RECEIVER] + [0] * (len(flags) - 1)
 
 
 def test_the_record_is_in_si_units():

@@ -17,9 +17,11 @@ FIX = np.dtype(
         ("quality", "<i8"),  # as NMEA GGA: 1 GPS, 2 differential, 4 RTK fixed, 5 RTK float, 6 dead reckoning
         ("satellites", "<i8"),  # in use; -1: unknown
         ("sigma_v", "<f8", (3,)),  # m/s, 1 sigma of v; NaN or 0: unknown
+        ("flags", "<i8"),  # NEW_RECEIVER or 0
     ],
     align=True,
 )
+NEW_RECEIVER = 1  # the first fix of a connection: of another receiver, or of one that was away
 
 MEASUREMENT = np.dtype(  # of an aiding source other than GNSS
     [

@@ -28,6 +28,7 @@ class Fix:
     quality: int
     satellites: int
     sigma_v: Reals
+    flags: int
 
 
 class Measurement:

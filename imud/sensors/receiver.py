@@ -11,6 +11,7 @@ from imud.drivers.transport.line import Line
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
+from ..estimators.records import NEW_RECEIVER
 from ..math.arrays import Records
 from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
@@ -137,6 +138,7 @@ class Receiver:
             if refused:
                 self.refused[refused.rule] += 1
             else:
+                row["flags"] = 0 if self._last_used_fix else NEW_RECEIVER
                 self._last_used_fix = fix
                 rows.append(self._consistency.without_wrong_velocity(row))
                 self._row = rows[-1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ..records import POSITION_N
+from ..records import NEW_RECEIVER, POSITION_N
 from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
 from .aiding.external_pose import distrust_poses
@@ -27,7 +27,7 @@ from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reje
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
-from .ekf import variance
+from .ekf import add_variance, variance
 from .fusion import correct_state, write_innovation
 from .glr_tests.compass_offset import (
     correct_compass_offset,
@@ -53,7 +53,7 @@ from .glr_tests.velocity_drift import detect_velocity_drift
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
-from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS
+from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ..types import Fix, Innovation
@@ -69,9 +69,16 @@ def is_usable(fix: Fix) -> bool:
 
 @kernel
 def set_noise(p: Parameters, c: Core, fix: Fix, first: bool) -> None:
-    """Before the fix is fused: set its noise; of the first fix also the variance of the time offset."""
+    """Before the fix is fused: set its noise; of the first fix also the variance of the time offset.
+
+    Another receiver has another latency, which its velocities show: their time offset is open again. That of the
+    positions has a floor of its variance; opened as far as at the start, it would take errors of the position for a
+    latency, and bend velocity and heading (simulated cars).
+    """
     if first:
         set_initial_time_offset(p, c, fix, horizontal_sigma(p, fix))
+    elif fix.flags & NEW_RECEIVER != 0:
+        add_variance(c, VELOCITY_TIME_OFFSET, p.tuning.velocity_time_offset_sigma**2)
     set_gnss_lever_arm(p, c, fix)
     set_gnss_noise(p, c, fix)
 

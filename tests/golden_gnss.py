@@ -5,6 +5,8 @@ from golden_data import HEADED, between, data, moved, navigated, random, road, s
 from golden_run import golden
 from navigation_simulation import at_antenna, received, sensed
 
+from imud.estimators.records import NEW_RECEIVER
+
 
 @golden("navigation")
 def no_velocity():
@@ -47,6 +49,17 @@ def stamps_that_step():
     samples, fixes = data(seed=9)
     fixes["t_ns"][between(fixes, 80.0, 1e9)] -= 1_000_000_000
     fixes["t_ns"][between(fixes, 110.0, 1e9)] -= 100_000_000
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
+def another_receiver():
+    """It is plugged in after four seconds, and its stamps are late by a tenth."""
+    samples, fixes = data(seed=9)
+    fixes = fixes[~between(fixes, 86.0, 90.0)]
+    late = between(fixes, 90.0, 1e9)
+    fixes["t_ns"][late] += 100_000_000
+    fixes["flags"][np.flatnonzero(late)[0]] = NEW_RECEIVER
     return navigated(samples, fixes)
 
 

@@ -87,7 +87,8 @@ def test_a_replay_gives_the_daemons_estimates_bit_for_bit(recorded):
         kept = stored(recorded, table)
         since_the_last_fix = len(kept) - len(rows)
         assert since_the_last_fix == 0 if table is not INNOVATION_TABLE else 0 <= since_the_last_fix < 60
-        assert rows.tobytes() == kept[: len(rows)].tobytes()
+        for name in table.names:
+            assert rows[name].tobytes() == kept[: len(rows)][name].tobytes(), name
     assert len(found[0]) > 6 * RATE_HZ
 
 

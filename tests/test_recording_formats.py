@@ -35,7 +35,7 @@ FORMAT_2 = OLD.with_name("format2.mcap")  # of an emulated M-G350 with a receive
 def test_records_come_back_with_the_same_bits(data):
     for table in TABLES:
         rows = np.zeros(3, table.dtype)
-        for name in table.dtype.names:
+        for name in table.names:
             kind = table.dtype[name]
             if kind.base.kind == "i":
                 rows[name] = data.draw(st.integers(-(2**62) + 1, 2**62 - 1))

@@ -44,8 +44,8 @@ class Schema(NamedTuple):
 class Table:
     """Rows of `dtype` as messages; names: of each field, and what it is; more: fields behind them, for viewers only.
 
-    Every field is written, each number in 8 bytes, so that all messages have the same layout, and many rows are encoded
-    or decoded at once. A change of the fields needs another version, here and in FORMAT.
+    Every field that is named is written, each number in 8 bytes, so that all messages have the same layout, and many
+    rows are encoded or decoded at once. A change of these fields needs another version, here and in FORMAT.
     """
 
     topic: str
@@ -57,7 +57,7 @@ class Table:
     def objects(self, rows: Records) -> list[dict[str, Any]]:
         """A dictionary for each row."""
         keys = [name for name, _ in self.names.values()]
-        return [dict(zip(keys, _listed(row), strict=True)) for row in rows.tolist()]
+        return [dict(zip(keys, _listed(row), strict=True)) for row in rows[list(self.names)].tolist()]
 
     def encode(self, rows: Records) -> list[bytes]:
         """A message for each row, without `more`."""

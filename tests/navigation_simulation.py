@@ -28,6 +28,13 @@ def curvature(lat):
     return A * (1.0 - E2) / d**1.5, A / np.sqrt(d)
 
 
+def curvature_at(lat):
+    """As `curvature`, of one latitude: arrays of one number take five times as long."""
+    sine = float(np.sin(lat))
+    d = 1.0 - E2 * (sine * sine)
+    return A * (1.0 - E2) / d**1.5, A / math.sqrt(d)
+
+
 @dataclass
 class Drive:
     t: np.ndarray  # s
@@ -111,12 +118,11 @@ def moved(t, v, attitude, lat_deg=48.0, lon_deg=11.0):
     """The motion with velocity v (NED) and attitude at the times t, with what an ideal sensor shows."""
     way = 0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None]
     places = [(math.radians(lat_deg), math.radians(lon_deg), 500.0)]
-    for north, east, down in way.tolist():  # numbers of Python: arrays of three take five times as long
+    for north, east, down in way.tolist():
         lat, lon, height = places[-1]
-        sine = float(np.sin(lat))
-        d = 1.0 - E2 * (sine * sine)
-        then = lat + north / (A * (1.0 - E2) / d**1.5 + height)
-        lon += east / ((A / math.sqrt(d) + height) * float(np.cos(0.5 * (then + lat))))
+        m, n = curvature_at(lat)
+        then = lat + north / (m + height)
+        lon += east / ((n + height) * float(np.cos(0.5 * (then + lat))))
         places.append((then, lon, height - down))
     lat, lon, height = np.transpose(places).copy()
     return Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))

@@ -4,6 +4,7 @@ Independent of the kernels: positions and velocities are given in closed form, t
 derivatives (Titterton and Weston, ch. 3), and noise is added afterwards.
 """
 
+import copy
 import functools
 import math
 from dataclasses import dataclass
@@ -66,6 +67,18 @@ class Later:
         return getattr(self._made, name)
 
 
+def made_once(make):
+    """For each choice of arguments; what is returned is a copy that the caller may change."""
+    made = functools.lru_cache(maxsize=16)(make)  # the same drive is wanted by many tests
+
+    @functools.wraps(make)
+    def copied(*arguments, **options):
+        return copy.deepcopy(made(*arguments, **options))
+
+    return copied
+
+
+@made_once
 def drive(
     seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False, swing=0.6, arm=0.0,
     straight_s=math.inf,

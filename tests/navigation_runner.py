@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import json
 import sys
@@ -44,6 +45,7 @@ def fixes_of(columns, n):
     return rows
 
 
+@functools.lru_cache(maxsize=8)  # the files of one recording: tests with it follow each other
 def numbers(path):
     """The names of a CSV file's columns, and its rows; NaN where there is no number."""
     text = path.read_text().replace(",,", ",nan,").replace(",,", ",nan,").replace(",\n", ",nan\n")

@@ -4,6 +4,7 @@ Independent of the kernels: positions and velocities are given in closed form, t
 derivatives (Titterton and Weston, ch. 3), and noise is added afterwards.
 """
 
+import copy
 import functools
 import math
 from dataclasses import dataclass
@@ -26,6 +27,13 @@ def normal_gravity(lat, height):
 def curvature(lat):
     d = 1.0 - E2 * np.sin(lat) ** 2
     return A * (1.0 - E2) / d**1.5, A / np.sqrt(d)
+
+
+def curvature_at(lat):
+    """As `curvature`, of one latitude: arrays of one number take five times as long."""
+    sine = float(np.sin(lat))
+    d = 1.0 - E2 * (sine * sine)
+    return A * (1.0 - E2) / d**1.5, A / math.sqrt(d)
 
 
 @dataclass
@@ -59,6 +67,18 @@ class Later:
         return getattr(self._made, name)
 
 
+def made_once(make):
+    """For each choice of arguments; what is returned is a copy that the caller may change."""
+    made = functools.lru_cache(maxsize=16)(make)  # the same drive is wanted by many tests
+
+    @functools.wraps(make)
+    def copied(*arguments, **options):
+        return copy.deepcopy(made(*arguments, **options))
+
+    return copied
+
+
+@made_once
 def drive(
     seconds, rate=100, rest=10.0, lat_deg=48.0, lon_deg=11.0, speed=8.0, fast_start=False, swing=0.6, arm=0.0,
     straight_s=math.inf,
@@ -111,12 +131,11 @@ def moved(t, v, attitude, lat_deg=48.0, lon_deg=11.0):
     """The motion with velocity v (NED) and attitude at the times t, with what an ideal sensor shows."""
     way = 0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None]
     places = [(math.radians(lat_deg), math.radians(lon_deg), 500.0)]
-    for north, east, down in way.tolist():  # numbers of Python: arrays of three take five times as long
+    for north, east, down in way.tolist():
         lat, lon, height = places[-1]
-        sine = float(np.sin(lat))
-        d = 1.0 - E2 * (sine * sine)
-        then = lat + north / (A * (1.0 - E2) / d**1.5 + height)
-        lon += east / ((A / math.sqrt(d) + height) * float(np.cos(0.5 * (then + lat))))
+        m, n = curvature_at(lat)
+        then = lat + north / (m + height)
+        lon += east / ((n + height) * float(np.cos(0.5 * (then + lat))))
         places.append((then, lon, height - down))
     lat, lon, height = np.transpose(places).copy()
     return Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from navigation_runner import navigate
-from navigation_simulation import Drive, curvature, drive, errors, ideal_sensor, received, sensed
+from navigation_simulation import Drive, Later, curvature, drive, errors, ideal_sensor, received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
@@ -13,7 +13,7 @@ from imud.drivers.sample import LIMITED_RATE, SATURATED
 from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, POSITION_VALID, REJECTING
 
 RATE = 100
-D = drive(160.0)
+D = Later(drive, 160.0)
 LSB = np.radians(0.0125), 0.125e-3 * 9.80665
 ALL = slice(None)
 BEGIN, END = 90.0, 95.0
@@ -76,7 +76,7 @@ def test_a_spin_beyond_the_range_of_the_gyro_leaves_no_false_heading(vehicle):
     beyond = samples["w"][:, 2] == most
     samples["flags"][beyond] |= LIMITED_RATE | SATURATED
     out, _, _ = navigate(samples, fixes, Settings(navigation=Navigation(vehicle=vehicle)))
-    p, v, a = errors(replace(D, attitude=D.attitude * spin), out)
+    p, v, a = errors(replace(drive(160.0), attitude=D.attitude * spin), out)
     since = at(BEGIN)
     trusted = (out["status"][since:] & HEADING_VALID) > 0
     assert not trusted[at(0.6)]

@@ -67,6 +67,7 @@ def test_after_an_outage_a_rejected_position_widens_all_that_has_grown_with_its_
 
 
 FAULTS = {"gyro z": ("w", 2, np.radians(0.3)), "forward force": ("f", 0, 0.4)}  # rad/s, m/s^2; in the outage
+WAY = Later(drive, 160.0)
 RTK = {"sigma": 0.01, "white": 0.01, "speed_sigma": 0.03}
 
 
@@ -74,8 +75,7 @@ def wrong_and_sure_s(fault, receiver, has_velocity, seed):
     """Seconds for which the position is, after an outage in which the IMU has a fault."""
     rng = np.random.default_rng(seed)
     begin, length = rng.uniform(55.0, 85.0), rng.uniform(8.0, 30.0)
-    d = Later(drive, 160.0)
-    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, **receiver)
+    samples, fixes = sensed(WAY, rng), received(WAY, rng, late=0.2, **receiver)
     if receiver:
         fixes["sigma"] = 0.02
     if not has_velocity:
@@ -84,7 +84,7 @@ def wrong_and_sure_s(fault, receiver, has_velocity, seed):
     samples[field][at(begin) : at(begin + length), axis] += error
     out, _, _ = navigate(samples, without(fixes, [(100.0 + begin, 100.0 + begin + length, 0)]), None, START)
     after = slice(at(begin + length + 1.0), None)
-    p, sigma = errors(d, out)[0][after, :2], out["sigma_p"][after, :2]
+    p, sigma = errors(WAY, out)[0][after, :2], out["sigma_p"][after, :2]
     return ((np.abs(p) > 4.0 * sigma).any(axis=1) & (np.hypot(*p.T) > 5.0)).sum() / RATE
 
 

@@ -4,8 +4,10 @@ Levels of speed and yaw rate that change every few seconds, smoothed; attitude a
 sensor shows, as there.
 """
 
+import math
+
 import numpy as np
-from navigation_simulation import Drive, curvature, ideal_sensor
+from navigation_simulation import Drive, curvature_at, ideal_sensor
 from scipy.spatial.transform import Rotation
 
 RATE, SECONDS = 100, 130.0
@@ -28,14 +30,13 @@ def levels(rng, t, low, high, every_s):
 def way(t, v, yaw, pitch, roll):
     """The Drive of velocities NED, m/s, and angles, rad."""
     attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-    lat, lon, height = (np.empty(len(t)) for _ in range(3))
-    lat[0], lon[0], height[0] = np.radians(48.0), np.radians(11.0), 500.0
-    for k in range(1, len(t)):
-        m, n = curvature(lat[k - 1])
-        mean = 0.5 * (v[k] + v[k - 1]) / RATE
-        lat[k] = lat[k - 1] + mean[0] / (m + height[k - 1])
-        lon[k] = lon[k - 1] + mean[1] / ((n + height[k - 1]) * np.cos(lat[k - 1]))
-        height[k] = height[k - 1] - mean[2]
+    places = [(math.radians(48.0), math.radians(11.0), 500.0)]
+    for north, east, down in (0.5 * (v[1:] + v[:-1]) / RATE).tolist():
+        lat, lon, height = places[-1]
+        m, n = curvature_at(lat)
+        lon += east / ((n + height) * math.cos(lat))
+        places.append((lat + north / (m + height), lon, height - down))
+    lat, lon, height = np.transpose(places).copy()
     return Drive(t, lat, lon, height, v, attitude, *ideal_sensor(t, lat, height, v, attitude))
 
 

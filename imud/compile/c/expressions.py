@@ -39,7 +39,7 @@ class Expressions:
     def __init__(self, unit: Unit, python: Callable[..., Any], variables: Mapping[str, Kind]) -> None:
         """variables: the kinds of the function's arguments and local variables, as far as they are known."""
         self.unit, self._python, self._variables = unit, python, variables
-        self._first_line = inspect.getsourcelines(python)[1]
+        self._first_line = python.__code__.co_firstlineno
         cells = inspect.getclosurevars(python).nonlocals
         self._names = {**python.__globals__, **cells}
 

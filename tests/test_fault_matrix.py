@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fault_matrix import FAULTS, OF_COMPASSES, OF_POSES, SOURCES, cell, harm, scene, settings_of, together
+from fault_matrix import FAULTS, OF_COMPASSES, OF_POSES, SOURCES, cell, harm, judged, scene, settings_of, together
 from navigation_simulation import errors, received, sensed
 from test_navigation_aiding import estimated, live
 from test_navigation_odometer import ramped, readings
@@ -114,3 +114,13 @@ def test_a_receiver_that_drifts_turns_no_heading_and_nothing_of_it_is_left_when_
         (attitude[:, 2:], out["sigma_rpy"][:, 2:], np.radians(5.0)),
     ):
         assert not ((np.abs(error) > 4.0 * sigma) & (np.abs(error) > large))[(d.t > 60.0) & (d.t < 120.0)].any()
+
+
+@pytest.mark.parametrize("where", ["city", "robot", "drone"])
+def test_poses_that_state_that_nothing_is_known_cost_nothing(where):
+    """A yaw whose sigma is 180 deg gave the heading again and again, which was never valid."""
+    d, samples, fixes = scene(801, where)
+    rows = SOURCES["pose"](d, np.random.default_rng(901))
+    rows["sigma"][:, :3], rows["sigma"][:, 3] = 1e4, np.pi
+    found, alone = judged(d, estimated(samples, fixes, rows, settings_of(None, where))[0]), cell(801, where=where)
+    assert found.sure_s == 0.0 and harm(found, alone)[0] < 1.1

@@ -4,9 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fault_matrix import FAULTS, OF_COMPASSES, OF_POSES, SOURCES, cell, harm, scene, settings_of, together
+from fault_matrix import FAULTS, OF_COMPASSES, OF_POSES, SOURCES, cell, harm, judged, scene, settings_of, together
+from navigation_simulation import errors, received, sensed
 from test_navigation_aiding import estimated, live
-from vehicle_simulation import LAND
+from test_navigation_odometer import ramped, readings
+from vehicle_simulation import LAND, vehicle
+
+from imud.estimators.records import REJECTING
 
 MOST = 2.0  # times the RMS error without the source
 
@@ -90,3 +94,33 @@ def test_a_map_that_is_turned_is_found_out(where, fault):
     found = cell(11, "pose", fault, where)
     assert found.sure_s == 0.0, found.worst
     assert found.rms["yaw"] < 3.0
+
+
+@pytest.mark.parametrize(
+    ("where", "seed", "direction"),
+    [("robot", 32, 4.5), ("robot", 703, 1.3), ("robot", 706, 0.3), ("boat", 705, 5.5), ("boat", 706, 2.4)],
+)
+def test_a_receiver_that_drifts_turns_no_heading_and_nothing_of_it_is_left_when_it_is_found(where, seed, direction):
+    """At walking pace it was taken for steps of the gyro's bias; of boats the velocity kept what it had done."""
+    rng, d = np.random.default_rng(seed), vehicle(where, seed, 200.0)
+    samples = sensed(d, rng, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
+    fixes = ramped(received(d, rng, late=0.1, sigma=1.2), 60.0, direction)
+    wheel = SOURCES["odometer"] if where in LAND else readings
+    out, _ = estimated(samples, fixes, wheel(d, np.random.default_rng(100 + seed)), settings_of(None, where))
+    assert (out["status"][(d.t > 70.0) & (d.t < 120.0)] & REJECTING).all()
+    position, _, attitude = errors(d, out)[:3]
+    for error, sigma, large in (
+        (position[:, :2], out["sigma_p"][:, :2], 5.0),
+        (attitude[:, 2:], out["sigma_rpy"][:, 2:], np.radians(5.0)),
+    ):
+        assert not ((np.abs(error) > 4.0 * sigma) & (np.abs(error) > large))[(d.t > 60.0) & (d.t < 120.0)].any()
+
+
+@pytest.mark.parametrize("where", ["city", "robot", "drone"])
+def test_poses_that_state_that_nothing_is_known_cost_nothing(where):
+    """A yaw whose sigma is 180 deg gave the heading again and again, which was never valid."""
+    d, samples, fixes = scene(801, where)
+    rows = SOURCES["pose"](d, np.random.default_rng(901))
+    rows["sigma"][:, :3], rows["sigma"][:, 3] = 1e4, np.pi
+    found, alone = judged(d, estimated(samples, fixes, rows, settings_of(None, where))[0]), cell(801, where=where)
+    assert found.sure_s == 0.0 and harm(found, alone)[0] < 1.1

@@ -49,7 +49,7 @@ from .glr_tests.time_offset_step import (
     explained_by_time_offset_step,
     reset_time_offset_step,
 )
-from .glr_tests.velocity_drift import detect_velocity_drift
+from .glr_tests.velocity_drift import detect_velocity_drift, explained_by_velocity_drift
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
@@ -159,6 +159,8 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     otherwise = explained_by_time_offset_step(c)
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
+    if wheels_support(p, c):
+        otherwise = max(otherwise, explained_by_velocity_drift(p, c) + p.tuning.likely_velocity_drift_chi2)
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)

@@ -23,7 +23,13 @@ from ...tuning import Tunable
 from ..ekf import add_variance, innovation_variance, set_jacobian
 from ..glr_tests.compass_offset import is_unconfirmed
 from ..glr_tests.gnss_drift import BY_WHEELS, clear_detection, declare_drift
-from ..glr_tests.velocity_drift import count_confirmation, reset_confirmations, reset_velocity_drift, store_drift
+from ..glr_tests.velocity_drift import (
+    count_confirmation,
+    remove_most_likely_drift,
+    reset_confirmations,
+    reset_velocity_drift,
+    store_drift,
+)
 from ..state import ATTITUDE, NAVIGATING, NEVER_NS, POSITION, TIME_OFFSET, VELOCITY, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
@@ -143,14 +149,19 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
             add_variance(c, ATTITUDE + 2, heading_error * heading_error)
             clear_detection(c)
             reset_confirmations(c)
-    elif elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
+        return
+    turned = p.tuning.unconfirmed_heading_sigma
+    would_show = contradicts(p, c, 0, turned * c.nav.v_n[1], accel_n, r)
+    if would_show or contradicts(p, c, 1, turned * c.nav.v_n[0], accel_e, r):
         count_confirmation(p, c, not wrong)
+    if elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
         if speed > 0.0 and not is_unconfirmed(c):
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
+            remove_most_likely_drift(p, c)
             store_drift(c, c.wheel_check.z_n / c.wheel_check.count, c.wheel_check.z_e / c.wheel_check.count)
             reject_by_wheels(c)
 

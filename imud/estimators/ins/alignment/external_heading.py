@@ -31,6 +31,8 @@ def align_with_heading(p: Parameters, c: Core, yaw: float, sigma: float) -> bool
     x, y, _ = body_to_ned(c, (1.0, 0.0, 0.0))
     if not is_levelled(p, c) or x * x + y * y < p.tuning.heading_min_level**2:
         return False
+    if sigma > p.tuning.max_valid_heading_sigma:  # so is one of which nothing is known
+        return False
     rotate_to_heading(p, c, wrap_angle(yaw - elementary.atan2(y, x)), sigma)
     decorrelate(c, ATTITUDE + 2, sigma * sigma)
     if c.gnss.fix_count > 0:

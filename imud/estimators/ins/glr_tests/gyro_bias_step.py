@@ -1,7 +1,8 @@
 """GLR test for a step of the gyro bias about the vertical, which turns the heading away.
 
 The test does not run (`gnss_fix`) while the heading is uncertain, wheels contradict the receiver, or there is a
-compass, and a step of the time offset must not explain more: the innovations look the same then.
+compass, and neither a step of the time offset nor, with wheels, a drift of the receiver must explain more: the
+innovations look the same then.
 
 A knock, a change of temperature, or a wrong scale factor in a long turn changes a bias whose variance is small. No
 fix measures the heading directly, so the heading is wrong for many seconds before the velocities contradict it by

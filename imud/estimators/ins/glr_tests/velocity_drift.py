@@ -6,8 +6,8 @@ looks like a heading error; P says how large that may be. Where the motion has n
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
 fix after which no drift is likely; the others are kept for longer.
 
-When a drift is detected, the fault is removed, and the receiver is rejected (`aiding.wheel_check`). While it is likely,
-but not detected, the solution states V d as an error.
+When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. While it
+is likely, but not detected, the solution states V d as an error.
 
 Source: as `fault_sensitivity`.
 """
@@ -83,7 +83,7 @@ TUNABLES = (
         "heading_confirmations",
         20,
         "fixes",
-        "So many fixes under way that agree with it confirm a heading.",
+        "So many fixes that a wrong heading would contradict confirm it.",
         "Choice.",
     ),
     Tunable(
@@ -117,7 +117,7 @@ def reset_confirmations(c: Core) -> None:
 
 @kernel
 def count_confirmation(p: Parameters, c: Core, agrees: bool) -> None:
-    """Count a fix under way that agrees with the heading, or does not."""
+    """Count a fix that a wrong heading would contradict: it agrees, or does not."""
     g = c.velocity_drift
     if agrees:
         g.confirmations += 1
@@ -170,12 +170,19 @@ def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int)
 
 
 @kernel
+def heading_step_share(p: Parameters, c: Core, j: int) -> float:
+    """Variance of the heading step since onset j, rad^2, if there is no drift; 0 where the heading is confirmed."""
+    if c.velocity_drift.confirmations >= p.tuning.heading_confirmations:
+        return 0.0
+    return float(1.0 / (c.velocity_drift.information[j, HH] + 1.0 / p.tuning.unconfirmed_heading_sigma**2))
+
+
+@kernel
 def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
     """Drift velocity since onset j: north, east (m/s), covariance nn, ne, ee, chi-square, explained sum of squares."""
     g = c.velocity_drift
     m, v = g.information[j], g.vector[j]
-    step_sigma = 0.0 if g.confirmations >= p.tuning.heading_confirmations else p.tuning.unconfirmed_heading_sigma
-    share = 1.0 / (m[HH] + 1.0 / step_sigma**2) if step_sigma > 0.0 else 0.0
+    share = heading_step_share(p, c, j)
     nn, ne, ee = m[NN] - share * m[NH] ** 2, m[NE] - share * m[NH] * m[EH], m[EE] - share * m[EH] ** 2
     yn, ye = v[0] - share * m[NH] * v[2], v[1] - share * m[EH] * v[2]
     determinant = nn * ee - ne * ne
@@ -191,6 +198,21 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
     determinant = pnn * pee - pne * pne
     chi2 = (pee * north * north - 2.0 * pne * north * east + pnn * east * east) / determinant
     return north, east, pnn, pne, pee, chi2, explained
+
+
+@kernel
+def explained_by_velocity_drift(p: Parameters, c: Core) -> float:
+    """Most of the sum of the normalised innovations squared that drift and heading step since an onset explain.
+
+    Of drifts that are fast enough to be detected.
+    """
+    g, most = c.velocity_drift, 0.0
+    for j in range(ONSETS):
+        if g.onset_ns[j] != NEVER_NS:
+            north, east, _, _, _, _, explained = estimate_velocity_drift(p, c, j)
+            if elementary.hypot(north, east) > p.tuning.wheel_min_contradiction:
+                most = max(most, explained + heading_step_share(p, c, j) * g.vector[j, 2] ** 2)
+    return float(most)
 
 
 @kernel
@@ -210,6 +232,27 @@ def state_likely_drift(c: Core, j: int, north: float, east: float) -> None:
 def store_drift(c: Core, north: float, east: float) -> None:
     """The velocity, m/s, of the drift that was detected."""
     c.velocity_drift.drift[0], c.velocity_drift.drift[1] = north, east
+
+
+@kernel
+def remove_velocity_drift(p: Parameters, c: Core, j: int) -> tuple[float, float]:
+    """Gather in scratch.x the correction for a drift since onset j, and add its covariance to P; the drift, m/s."""
+    north, east, nn, ne, ee, _, _ = estimate_velocity_drift(p, c, j)
+    remove_drift(c, column_of(j), (north, east), nn, ne, ee)
+    return north, east
+
+
+@kernel
+def remove_most_likely_drift(p: Parameters, c: Core) -> None:
+    """The same since the onset that explains most, if there is one: the drift was detected by something else."""
+    best, most = -1, 0.0
+    for j in range(ONSETS):
+        if c.velocity_drift.onset_ns[j] != NEVER_NS:
+            _, _, _, _, _, _, explained = estimate_velocity_drift(p, c, j)
+            if explained > most:
+                best, most = j, explained
+    if best >= 0:
+        remove_velocity_drift(p, c, best)
 
 
 @kernel
@@ -236,8 +279,7 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
             if proven and chi2 > most:
                 best, most = j, chi2
     if most > p.tuning.velocity_drift_chi2:
-        north, east, nn, ne, ee, _, _ = estimate_velocity_drift(p, c, best)
-        remove_drift(c, column_of(best), (north, east), nn, ne, ee)
+        north, east = remove_velocity_drift(p, c, best)
         store_drift(c, north, east)
         reset_velocity_drift(c)
         return float(elementary.hypot(north, east))

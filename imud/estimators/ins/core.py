@@ -17,6 +17,7 @@ from .aiding.records import (
     NHC,
     ODOMETER,
     SOURCE_AGE,
+    TIME_EVIDENCE,
     WHEEL_CHECK,
 )
 from .alignment.records import ALIGNMENT, FIX_AGE, HYPOTHESIS_BANK
@@ -239,6 +240,7 @@ REWOUND = [  # what a rewind restores
     ("nhc", NHC),
     ("land_evidence", LAND_EVIDENCE),
     ("gnss", GNSS),
+    ("time_evidence", TIME_EVIDENCE),
     ("integrity", INTEGRITY),
     ("process_noise", PROCESS_NOISE),
     ("faults", FAULT_SENSITIVITIES),

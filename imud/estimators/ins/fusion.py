@@ -19,6 +19,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from .aiding.time_evidence import bound_time_information
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .boresights import add_boresights, covariance_with_boresights, propagate_boresights, update_boresights
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
@@ -55,6 +56,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_sensitivities(c, transition)
     propagate_boresights(p, c, transition)
     propagate_learning(p, c, transition)
+    bound_time_information(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
 

@@ -27,6 +27,7 @@ from .propagation import propagate_to
 from .state import (
     AIDING_RING,
     BANKS,
+    HORIZONTAL,
     IMU_RING,
     NAVIGATING,
     SNAPSHOT_NS,
@@ -44,6 +45,13 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("unknown_accel", 2.0, "m/s^2", "Acceleration where the velocity's history is not known.", "Choice."),
     Tunable("accel_window_s", 0.4, "s", "Longest time over which the acceleration at a fix is fitted.", "Choice."),
+    Tunable(
+        "accel_window_before_s",
+        1.6,
+        "s",
+        "The same where it is fitted to the velocities before only.",
+        "Simulated flights.",
+    ),
     Tunable(
         "accel_window_gate",
         9.0,
@@ -122,7 +130,7 @@ def store_snapshot(s: State) -> None:
     c, k = s.core[0], s.snapshots[s.snapshot_count % SNAPSHOTS]
     k.nav, k.earth, k.imu, k.cov, k.stationarity = c.nav, c.earth, c.imu, c.cov, c.stationarity
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
-    k.land_evidence = c.land_evidence
+    k.land_evidence, k.time_evidence = c.land_evidence, c.time_evidence
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
     k.bias_changes = c.bias_changes
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
@@ -146,7 +154,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     """Restore the core from snapshot k."""
     c.nav, c.earth, c.imu, c.cov, c.stationarity = k.nav, k.earth, k.imu, k.cov, k.stationarity
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
-    c.land_evidence = k.land_evidence
+    c.land_evidence, c.time_evidence = k.land_evidence, k.time_evidence
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
     c.bias_changes = k.bias_changes
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
@@ -226,6 +234,8 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     the velocities differ from it: the noise of a shorter one is that of the velocity's error, and gives a wrong time
     offset that is certain (errors in variables). Where possible the velocity of the fix is in the middle of the line:
     noise before it changes the slope and the velocity's error in the same sense, noise after it in the opposite one.
+    Positions of centimetres have corrected the velocity of the noise before it; where no wheels do so besides, the line
+    ends at the fix, and may be longer.
 
     scratch.accel_fit_error <- m/s, second-order term by the uncertainty of the velocity's time offset.
     scratch.lag_change <- m/s, change of the antenna's velocity since then until the core's time.
@@ -244,10 +254,12 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     if snapshot_count > 0:
         newest_ns = max(newest_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns)
     least = max(math.sqrt(max(time_offset_var, 0.0)), 1e-9 * SNAPSHOT_NS)
-    span, psd = max(0.5 * p.tuning.accel_window_s, least), velocity_psd(p, c)
+    before_only = c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma and not c.nhc.enabled
+    window = p.tuning.accel_window_before_s if before_only else p.tuning.accel_window_s
+    span, psd = max(0.5 * window, least), velocity_psd(p, c)
     while True:
         span_ns = int(1e9 * span)
-        last_ns = min(newest_ns, then_ns + span_ns)
+        last_ns = min(newest_ns, then_ns if before_only else then_ns + span_ns)
         v0 = antenna_velocity_at(s, snapshot_count, last_ns)
         v1 = antenna_velocity_at(s, snapshot_count, last_ns - span_ns)
         v2 = antenna_velocity_at(s, snapshot_count, last_ns - 2 * span_ns)

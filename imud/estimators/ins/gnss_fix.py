@@ -140,9 +140,10 @@ def check_drift(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_time_offset(p: Parameters, c: Core) -> None:
-    """Whether the stamps have stepped; a drift or a wrong heading looks like that."""
+    """Whether the stamps have stepped; a drift, a wrong heading, a departure taken for rest look like that."""
     uncertain = is_unconfirmed(c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
-    if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain:
+    departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
+    if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain or departing:
         reset_time_offset_step(c)
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
         correct_state(p, c)

@@ -45,6 +45,7 @@ from .aiding import (
     land_evidence,
     nhc_noise,
     non_holonomic,
+    time_evidence,
     wheel_check,
     zero_velocity,
 )
@@ -97,6 +98,7 @@ TUNABLES = (
     *gnss_velocity.TUNABLES,
     *gnss_gate.TUNABLES,
     *gnss_time.TUNABLES,
+    *time_evidence.TUNABLES,
     *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,

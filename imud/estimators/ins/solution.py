@@ -143,6 +143,8 @@ def state_sigmas(p: Parameters, c: Core) -> None:
         added_v = max(added_v, open_v)
         added_p = max(added_p, open_p)
         added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
+        added_p += c.time_evidence.missing_variance * c.nav.v_n[i] ** 2
+        added_v += c.time_evidence.missing_variance * c.imu.accel_n[i] ** 2
         p2 = inflation * max(variance(c, POSITION + i), 0.0) + added_p
         v2 = inflation * max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)

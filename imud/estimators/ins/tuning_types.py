@@ -131,6 +131,7 @@ class Tuning:
     survey_epoch_sigma: float
     confirmed_epoch_sigma: float
     epoch_mistake_s: float
+    jerk_window_s: float
     wheel_fresh_s: float
     wheel_check_speed: float
     wheel_check_gate: float
@@ -313,6 +314,7 @@ class Tuning:
     time_offset_step_sigma: float
     max_step_heading_sigma: float
     min_time_offset_step_s: float
+    departure_s: float
     max_time_offset_step_s: float
     gyro_bias_step_chi2: float
     likely_gyro_bias_step_chi2: float
@@ -334,6 +336,7 @@ class Tuning:
     min_attitude_noise: float
     unknown_accel: float
     accel_window_s: float
+    accel_window_before_s: float
     accel_window_gate: float
     max_ahead_s: float
     heading_sigma: float

@@ -150,6 +150,17 @@ class GravityMonitor:
     last_rest_ns: int
 
 
+class TimeEvidence:
+    velocity_change: Reals
+    velocity_variance: float
+    duration: float
+    accel: Reals
+    accel_noise: float
+    prior_information: float
+    jerk2: float
+    missing_variance: float
+
+
 class Nhc:
     since_update: float
     enabled: int
@@ -548,6 +559,7 @@ class Snapshot:
     nhc: Nhc
     land_evidence: LandEvidence
     gnss: Gnss
+    time_evidence: TimeEvidence
     integrity: Integrity
     process_noise: ProcessNoise
     faults: FaultSensitivities
@@ -579,6 +591,7 @@ class Core:
     nhc: Nhc
     land_evidence: LandEvidence
     gnss: Gnss
+    time_evidence: TimeEvidence
     integrity: Integrity
     process_noise: ProcessNoise
     faults: FaultSensitivities

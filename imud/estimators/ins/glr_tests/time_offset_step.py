@@ -53,6 +53,13 @@ TUNABLES = (
         "Least step; the offset's own sigma covers smaller ones.",
         "Recorded drives.",
     ),
+    Tunable(
+        "departure_s",
+        3.0,
+        "s",
+        "Time since a rest up to which no step is looked for: a gentle departure passes for rest, then seems late.",
+        "Simulated trams.",
+    ),
     Tunable("max_time_offset_step_s", 2.5, "s", "Largest step.", "Leap seconds are corrected by one or two."),
 )
 

@@ -256,6 +256,18 @@ def odometer_against_a_drift():
 
 
 @golden("navigation")
+def odometer_of_a_slow_vehicle_against_a_drift():
+    """At walking pace in bends; the receiver drifts, and says so in its velocity, too."""
+    d = road(110.0, speed=1.4, swing=1.3)
+    samples, fixes = data(d, seed=95)
+    dt = np.maximum(fixes["t_ns"] * 1e-9 - 180.0, 0.0)
+    fixes["lat"] += dt / 6.37e6
+    v = fixes["speed"] * np.exp(1j * fixes["course"]) + (dt > 0.0)
+    fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
+    return replace(navigated(samples, fixes), measurements=readings(d, seed=96))
+
+
+@golden("navigation")
 def odometer_against_a_drift_across():
     """On a straight road, at walking pace, the receiver drifts across it, and says so in its velocity, too."""
     d = road(150.0, speed=2.0, swing=0.2, straight_s=75.0)

@@ -95,6 +95,16 @@ def pose_without_yaw():
     return replace(navigated(samples, fixes[:0], Initial(yaw_deg=yaw)), measurements=rows)
 
 
+@golden("navigation")
+def pose_of_which_no_yaw_is_known():
+    """Its sigma is 180 deg, as of programs that write a large variance for what they do not measure."""
+    d = road(40.0)
+    samples, fixes = data(d, seed=97)
+    rows = poses(d, 98, (0.0, 0.0, 0.0))
+    rows["sigma"] = 10.0, 10.0, 10.0, np.pi
+    return replace(navigated(samples, fixes), measurements=rows)
+
+
 def external_velocities(kind, seed):
     """2 % too large, with jumps and repetitions, while the receiver is lost."""
     d, arm = road(120.0), (0.5, -0.4, 0.3)

@@ -41,6 +41,7 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "velocity_variance: noise = max(noise, reported * reported)": "no recording reports the sigma of its velocity",
     "drift_speed: return 0.0": "no recording has so few contradictions, or contradictions by a wrong heading",
     "add_outage_noise: add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)": "in all recordings `clipping` adds it",
+    "move_innovations: pending.rows[k - n] = pending.rows[k]": "with little room: tests/test_pending_innovations.py",
     "record_transition": "the smoother's: tests/test_smoothing_attitude.py",
     "record_measurement": "as above",
     "record_reset": "as above",

@@ -42,7 +42,7 @@ INS = {
     "Stationarity": core.STATIONARITY,
     "BiasChanges": core.BIAS_CHANGES,
     "GravityMonitor": integrity.GRAVITY_MONITOR,
-    "TimeEvidence": aiding.TIME_EVIDENCE,
+    "TimeEvidence": core.TIME_EVIDENCE,
     "Nhc": aiding.NHC,
     "LandEvidence": aiding.LAND_EVIDENCE,
     "Gnss": aiding.GNSS,

@@ -9,11 +9,11 @@ from navigation_simulation import errors
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
-from imud.estimators.ins.aiding.time_evidence import bound_time_information
 from imud.estimators.ins.core import TRANSITION
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
+from imud.estimators.ins.time_evidence import bound_time_information
 from imud.math.kalman import packed_index
 
 bound_time_information, packed_index = in_c(bound_time_information), interpreted(packed_index)

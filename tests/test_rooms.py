@@ -85,6 +85,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     (  # what has to see every step of the Kalman filter
         "imud/estimators/ins/glr_tests",
         "imud/estimators/ins/process_noise.py",
+        "imud/estimators/ins/time_evidence.py",
         "imud/estimators/ins/boresights.py",
         "imud/estimators/ins/integrity/reset_inflation.py",
         "imud/estimators/ins/alignment/force_integrals.py",

@@ -19,7 +19,6 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from .aiding.time_evidence import bound_time_information
 from .alignment.force_integrals import accumulate_integrals, record_corrections
 from .boresights import add_boresights, covariance_with_boresights, propagate_boresights, update_boresights
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
@@ -35,6 +34,7 @@ from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import ATTITUDE, CONSTRAINT_AXIS, HORIZONTAL, NAVIGATING, OTHER_AXIS, VELOCITY, VERTICAL
+from .time_evidence import bound_time_information
 
 if TYPE_CHECKING:
     from ..types import Innovation

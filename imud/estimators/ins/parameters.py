@@ -33,6 +33,7 @@ from . import (
     solution,
     sources,
     stationarity,
+    time_evidence,
 )
 from .aiding import (
     course_heading,
@@ -45,7 +46,6 @@ from .aiding import (
     land_evidence,
     nhc_noise,
     non_holonomic,
-    time_evidence,
     wheel_check,
     zero_velocity,
 )
@@ -93,12 +93,12 @@ TUNABLES = (
     *power_on.TUNABLES,
     *stationarity.TUNABLES,
     *rest.TUNABLES,
+    *time_evidence.TUNABLES,
     *gnss_noise.TUNABLES,
     *gnss_position.TUNABLES,
     *gnss_velocity.TUNABLES,
     *gnss_gate.TUNABLES,
     *gnss_time.TUNABLES,
-    *time_evidence.TUNABLES,
     *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
     *non_holonomic.TUNABLES,

@@ -74,6 +74,7 @@ class Tuning:
     rest_variance: float
     known_rest_speed: float
     rest_log_likelihood: float
+    jerk_window_s: float
     uere: float
     vertical_ratio: float
     unknown_hdop: float
@@ -131,7 +132,6 @@ class Tuning:
     survey_epoch_sigma: float
     confirmed_epoch_sigma: float
     epoch_mistake_s: float
-    jerk_window_s: float
     wheel_fresh_s: float
     wheel_check_speed: float
     wheel_check_gate: float

@@ -20,20 +20,6 @@ GNSS = np.dtype(
     align=True,
 )
 
-TIME_EVIDENCE = np.dtype(  # what changes of the acceleration show of the time offset
-    [
-        ("velocity_change", "<f8", (3,)),  # m/s, NED, by specific force, in the window
-        ("velocity_variance", "<f8"),  # m^2/s^2, that noise adds to each component of it
-        ("duration", "<f8"),  # s, of the window until now
-        ("accel", "<f8", (3,)),  # m/s^2, NED, mean specific force of the window before
-        ("accel_noise", "<f8"),  # m^2/s^4, variance of each component of it; 0: there was none
-        ("prior_information", "<f8"),  # 1/s^2, about the time offset at the end of the alignment
-        ("jerk2", "<f8"),  # m^2/s^5, integral of the squared rate of change since then
-        ("missing_variance", "<f8"),  # s^2, by which P states less than can be known
-    ],
-    align=True,
-)
-
 NHC = np.dtype(  # the non-holonomic constraint of a land vehicle
     [
         ("since_update", "<f8"),  # s

@@ -20,13 +20,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ....compile.jit import kernel
-from ...tuning import Tunable
-from ..ekf import variance
-from ..state import COARSE_ALIGNMENT, EXACT_EPOCHS, TIME_OFFSET, VELOCITY_NOISE
+from ...compile.jit import kernel
+from ..tuning import Tunable
+from .ekf import variance
+from .state import COARSE_ALIGNMENT, EXACT_EPOCHS, TIME_OFFSET, VELOCITY_NOISE
 
 if TYPE_CHECKING:
-    from ..types import Core, Parameters, Transition
+    from .types import Core, Parameters, Transition
 
 
 TUNABLES = (Tunable("jerk_window_s", 1.0, "s", "Time over which an acceleration is averaged.", "Choice."),)

@@ -294,6 +294,7 @@ def judged(d, out, begin):
         "no yaw s": float((~known | (yaw > LIMIT_DEG))[begin:].sum()) / RATE,
         "velocity m/s": rms(np.hypot(*velocity[late, :2].T)),
         "position m": rms(away[late]),
+        "position NEES": 0.5 * rms(sigmas["position"][late & valid(POSITION_VALID)]) ** 2,
     }
 
 

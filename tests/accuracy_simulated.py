@@ -3,13 +3,13 @@
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
                                         [--set KEY=VALUE,..] [--jobs 2]
 
-Twelve vehicles, four receivers; each seed draws way, sensor and receiver. The sensor is worse than the filter's noise
-profile: scale factors and misalignments, rates that depend on the force, a bias that warms up, vibration. The receiver
-errs slowly, its velocities are smoothed and late, its stamps are off. With a step the bias of the gyro about the
-vertical jumps by so many deg/s, at 110 to 140 s. Each run goes through what users run, at its full rate, without
-settings. "Wrong and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the status says that
-position, attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5 degrees. Seconds are
-sums over the seeds, the rest medians (NEES: means) from a minute after the start on.
+22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
+the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up,
+vibration. The receiver errs slowly, its velocities are smoothed and late, its stamps are off. With a step the bias of
+the gyro about the vertical jumps by so many deg/s, at 110 to 140 s. Each run goes through what users run, at its full
+rate, without settings. "Wrong and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the
+status says that position, attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5
+degrees. Seconds are sums over the seeds, the rest medians (NEES: means) from a minute after the start on.
 """
 
 from __future__ import annotations
@@ -23,179 +23,12 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from navigation_runner import fixes_of, navigate, samples_of, settings_of
 from navigation_simulation import curvature, errors, moved
-from scipy.spatial.transform import Rotation
-from vehicle_simulation import RATE, ahead, levels, smooth
+from simulated_vehicles import VEHICLES
+from vehicle_simulation import RATE, smooth
 
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 
 SECONDS, SETTLED_S, LIMIT_M, LIMIT_DEG, LIMIT_SIGMA = 240.0, 60.0, 5.0, 5.0, 4.0
-
-
-def angles(yaw, pitch, roll):
-    return Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-
-
-def waves(rng, t, sigma, slowest_s=8.0, fastest_s=3.0):
-    """A sum of sines (n,), of this RMS."""
-    rate, phase = 2.0 * np.pi / rng.uniform(fastest_s, slowest_s, 5), rng.uniform(0.0, 6.3, 5)
-    return sigma * np.sqrt(0.4) * np.sin(np.outer(t, rate) + phase).sum(axis=1)
-
-
-def plane(rng, t):
-    """Straight, in turns with the bank that they need, climbing and descending; it starts on the ground."""
-    go = np.clip((t - 8.0) / 12.0, 0.0, 1.0)
-    speed = smooth(go * levels(rng, t, 14.0, 26.0, 20.0), 3.0)
-    turns = levels(rng, t, -0.35, 0.35, 9.0) * (levels(rng, t, 0.0, 1.0, 14.0) > 0.4)
-    rate = smooth(turns * (go >= 1.0), 1.5)
-    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE
-    pitch = smooth(levels(rng, t, -0.1, 0.15, 12.0) * (go >= 1.0), 2.0) + 0.01 * go * waves(rng, t, 1.0)
-    roll = np.arctan(speed * rate / 9.8) + 0.02 * go * waves(rng, t, 1.0)
-    return ahead(speed, yaw, pitch), angles(yaw + 0.01 * go * waves(rng, t, 1.0), pitch, roll)
-
-
-def multicopter(rng, t):
-    """It hovers in gusts for long, flies in any direction between, with the tilt that this needs, and turns."""
-    aloft = np.clip((t - 8.0) / 3.0, 0.0, 1.0)
-    flies = levels(rng, t, 0.0, 1.0, 18.0) > rng.uniform(0.2, 0.6)
-    v = np.column_stack([smooth(smooth(levels(rng, t, -s, s, 6.0) * flies * aloft, 1.0), 1.0) for s in (6.0, 6.0, 1.5)])
-    v += 0.15 * aloft[:, None] * np.column_stack([waves(rng, t, 1.0, 12.0, 3.0) for _ in range(3)])
-    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(levels(rng, t, -0.6, 0.6, 5.0) * flies * aloft, 1.0)) / RATE
-    north, east, _ = np.gradient(v, t, axis=0).T
-    along, right = north * np.cos(yaw) + east * np.sin(yaw), -north * np.sin(yaw) + east * np.cos(yaw)
-    gusts = 0.02 * aloft[:, None] * np.column_stack([waves(rng, t, 1.0, 2.0, 0.5) for _ in range(2)])
-    return v, angles(yaw, gusts[:, 0] - np.arctan(along / 9.8), gusts[:, 1] + np.arctan(right / 9.8))
-
-
-def car(rng, t, slowest, fastest, every_s, stops, turn, turn_s):
-    speed = levels(rng, t, slowest, fastest, every_s)
-    speed[levels(rng, t, 0.0, 1.0, 11.0) < stops] = 0.0
-    speed[t < 8.0] = 0.0
-    speed = smooth(speed, 0.15 * fastest)
-    turns = levels(rng, t, -turn, turn, turn_s) * (levels(rng, t, 0.0, 1.0, 1.2 * turn_s) > 0.4)
-    rate = smooth(turns, 0.3 * turn_s) * np.clip(speed / 5.0, 0.0, 1.0)
-    yaw, pitch = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE, 0.01 * np.gradient(speed, t)
-    pitch += 0.002 * np.minimum(speed, 10.0) * waves(rng, t, 0.3, 3.0, 0.7)
-    return ahead(speed, yaw, pitch), angles(yaw, pitch, 0.005 * speed * rate)
-
-
-def city(rng, t):
-    return car(rng, t, 2.0, 14.0, 9.0, 0.2, 0.35, 5.0)
-
-
-def motorway(rng, t):
-    return car(rng, t, 20.0, 34.0, 14.0, 0.0, 0.03, 12.0)
-
-
-def boat(rng, t):
-    """In a current, in waves that move, roll, nod and yaw it."""
-    height = rng.uniform(0.2, 1.5)
-    speed = smooth(levels(rng, t, 1.5, 7.0, 20.0), 5.0) * np.clip((t - 5.0) / 8.0, 0.0, 1.0)
-    course = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(levels(rng, t, -0.12, 0.12, 11.0), 3.0)) / RATE
-    yaw = course + 0.04 * height * waves(rng, t, 1.0)
-    v = ahead(speed, yaw) + np.append(rng.uniform(-0.6, 0.6, 2), 0.0)
-    v += 0.25 * height * np.column_stack([waves(rng, t, 1.0) for _ in range(3)])
-    return v, angles(yaw, 0.04 * height * waves(rng, t, 1.0), 0.07 * height * waves(rng, t, 1.0))
-
-
-def walker(rng, t):
-    """Two steps a second, which bob and sway; it stands now and then."""
-    pace = 2.0 * np.pi * np.cumsum(0.9 + 0.05 * waves(rng, t, 1.0)) / RATE
-    go = smooth(((t > 5.0) & (levels(rng, t, 0.0, 1.0, 14.0) > 0.15)).astype(float), 1.0)
-    speed = smooth(levels(rng, t, 0.9, 1.7, 8.0), 1.5) * go * (1.0 + 0.15 * np.sin(2.0 * pace))
-    turns = levels(rng, t, -0.6, 0.6, 5.0) * (levels(rng, t, 0.0, 1.0, 6.0) > 0.4)
-    course = rng.uniform(-3.0, 3.0) + np.cumsum(smooth(turns, 1.0) * go) / RATE
-    v = ahead(speed, course)
-    v += (0.12 * go * np.sin(pace))[:, None] * np.column_stack([-np.sin(course), np.cos(course), 0.0 * t])
-    v[:, 2] += 0.25 * go * np.sin(2.0 * pace)
-    yaw = course + rng.uniform(-3.0, 3.0) + 0.05 * go * np.sin(pace)
-    return v, angles(yaw, 0.3 + 0.05 * go * np.sin(2.0 * pace), 0.04 * go * np.sin(pace) + 0.05 * waves(rng, t, 1.0))
-
-
-def motorcycle(rng, t):
-    """It leans into its turns."""
-    speed = levels(rng, t, 3.0, 25.0, 9.0)
-    speed[(levels(rng, t, 0.0, 1.0, 11.0) < 0.15) | (t < 8.0)] = 0.0
-    speed = smooth(speed, 3.0)
-    turns = smooth(levels(rng, t, -1.0, 1.0, 4.0) * (levels(rng, t, 0.0, 1.0, 5.0) > 0.4), 1.2)
-    rate = turns * np.minimum(7.0 / np.maximum(speed, 3.0), 0.6) * np.clip(speed / 3.0, 0.0, 1.0)
-    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE
-    pitch = 0.006 * np.gradient(speed, t) + 0.002 * np.minimum(speed, 10.0) * waves(rng, t, 0.3, 3.0, 0.7)
-    roll = np.arctan(speed * rate / 9.8) + 0.01 * np.clip(speed, 0.0, 1.0) * waves(rng, t, 1.0)
-    return ahead(speed, yaw, pitch), angles(yaw, pitch, roll)
-
-
-def robot(rng, t):
-    """Slow, also backward; it turns on the spot."""
-    phase, speed, turns = levels(rng, t, 0.0, 1.0, 4.0), levels(rng, t, -0.5, 1.2, 4.0), levels(rng, t, -1.2, 1.2, 3.0)
-    speed[(phase < 0.35) | (t < 6.0)] = 0.0
-    turns[(phase < 0.1) | (t < 6.0)] = 0.0
-    turns[(phase > 0.35) & (phase < 0.7)] *= 0.2
-    speed, yaw = smooth(speed, 0.4), rng.uniform(-3.0, 3.0) + np.cumsum(smooth(turns, 0.3)) / RATE
-    nods = 0.005 * np.minimum(np.abs(speed), 1.0)
-    pitch, roll = nods * waves(rng, t, 1.0, 2.0, 0.5), nods * waves(rng, t, 1.0, 2.0, 0.5)
-    return ahead(speed, yaw, pitch), angles(yaw, pitch, roll)
-
-
-def tram(rng, t):
-    speed = levels(rng, t, 0.0, 15.0, 15.0)
-    speed[(levels(rng, t, 0.0, 1.0, 18.0) < 0.25) | (t < 8.0)] = 0.0
-    speed = smooth(speed, 6.0)
-    curve = smooth(levels(rng, t, -1.0 / 60.0, 1.0 / 60.0, 10.0) * (levels(rng, t, 0.0, 1.0, 12.0) > 0.5), 3.0)
-    yaw = rng.uniform(-3.0, 3.0) + np.cumsum(speed * curve) / RATE
-    return ahead(speed, yaw), angles(yaw, 0.0 * t, 0.003 * np.minimum(speed, 5.0) * waves(rng, t, 0.3, 2.0, 0.5))
-
-
-def sailboat(rng, t):
-    """It heels and drifts to the lee side, which changes when it tacks."""
-    tack = smooth(np.where(levels(rng, t, -1.0, 1.0, 40.0) > 0.0, 1.0, -1.0), 5.0)
-    heel, leeway, height = np.radians(rng.uniform(8.0, 28.0)), np.radians(rng.uniform(2.0, 7.0)), rng.uniform(0.1, 0.8)
-    speed = smooth(levels(rng, t, 2.0, 4.5, 20.0), 5.0) * np.clip((t - 3.0) / 8.0, 0.0, 1.0)
-    turns = np.cumsum(smooth(levels(rng, t, -0.02, 0.02, 9.0), 3.0)) / RATE
-    yaw = rng.uniform(-3.0, 3.0) + np.radians(45.0) * tack + turns
-    v = ahead(speed, yaw + leeway * tack) + np.append(rng.uniform(-0.5, 0.5, 2), 0.0)
-    v += 0.25 * height * np.column_stack([waves(rng, t, 1.0) for _ in range(3)])
-    yaw, pitch = yaw + 0.03 * height * waves(rng, t, 1.0), 0.04 * height * waves(rng, t, 1.0)
-    return v, angles(yaw, pitch, heel * tack + 0.05 * height * waves(rng, t, 1.0))
-
-
-def crane(rng, t):
-    """The sensor is on a cabin that turns about an axis some metres beside it; now and then the crane drives."""
-    rate = smooth(levels(rng, t, -0.6, 0.6, 6.0) * (levels(rng, t, 0.0, 1.0, 8.0) > 0.3) * (t > 6.0), 1.0)
-    yaw, radius = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE, rng.uniform(1.0, 3.0)
-    v = (radius * rate)[:, None] * np.column_stack([-np.sin(yaw), np.cos(yaw), 0.0 * t])
-    drives = smooth(levels(rng, t, -0.8, 0.8, 10.0) * (levels(rng, t, 0.0, 1.0, 15.0) > 0.7) * (t > 6.0), 1.0)
-    v += ahead(drives, np.full(len(t), rng.uniform(-3.0, 3.0)))
-    pitch, roll = (0.004 * (t > 6.0) * waves(rng, t, 1.0, 2.0, 0.5) for _ in range(2))
-    return v, angles(yaw, pitch, roll)
-
-
-def helicopter(rng, t):
-    """Fast, with a sideslip, and in hover."""
-    aloft = np.clip((t - 8.0) / 5.0, 0.0, 1.0)
-    speed = smooth(levels(rng, t, 0.0, 35.0, 15.0) * aloft, 5.0)
-    rate = smooth(levels(rng, t, -0.3, 0.3, 9.0) * (levels(rng, t, 0.0, 1.0, 12.0) > 0.4) * aloft, 2.0)
-    course = rng.uniform(-3.0, 3.0) + np.cumsum(rate) / RATE
-    yaw = course + smooth(levels(rng, t, -0.5, 0.5, 12.0), 4.0)
-    v = ahead(speed, course)
-    v[:, 2] -= smooth(levels(rng, t, -3.0, 3.0, 10.0) * aloft, 3.0)
-    pitch = -0.002 * speed - np.arctan(np.gradient(speed, t) / 9.8) + 0.01 * aloft * waves(rng, t, 1.0)
-    return v, angles(yaw, pitch, np.arctan(speed * rate / 9.8) + 0.01 * aloft * waves(rng, t, 1.0))
-
-
-VEHICLES = {  # way; vibration, m/s/sqrt(s) and deg/sqrt(s): least and greatest
-    "plane": (plane, (0.01, 0.2), (0.005, 0.15)),
-    "multicopter": (multicopter, (0.03, 0.4), (0.01, 0.3)),
-    "city": (city, (0.005, 0.1), (0.002, 0.05)),
-    "motorway": (motorway, (0.01, 0.15), (0.002, 0.05)),
-    "boat": (boat, (0.005, 0.1), (0.002, 0.05)),
-    "walker": (walker, (0.01, 0.1), (0.01, 0.1)),
-    "motorcycle": (motorcycle, (0.01, 0.15), (0.005, 0.05)),
-    "robot": (robot, (0.005, 0.1), (0.005, 0.05)),
-    "tram": (tram, (0.003, 0.05), (0.001, 0.02)),
-    "sailboat": (sailboat, (0.003, 0.05), (0.002, 0.03)),
-    "crane": (crane, (0.005, 0.1), (0.002, 0.05)),
-    "helicopter": (helicopter, (0.05, 0.4), (0.02, 0.2)),
-}
 
 
 @functools.lru_cache(2)

@@ -91,12 +91,12 @@ class Takeover(NamedTuple):
         return z[attitude, :2].max(initial=0.0), z[heading, 2].max(initial=0.0)
 
 
-def compared(rest_s, lean, turned_deg, seed, is_told=False):
+def compared(rest_s, lean, turned_deg, seed, is_given=False):
     """Both sensors until the first one is lost, where the spare sits `turned_deg` (roll, pitch, yaw) and some 1 deg
     otherwise than the settings say: the drive, its random numbers, settings, sensors, and the spares.
     """
     d, rng = journey_of(rest_s, *lean), np.random.default_rng(seed)
-    mounts = {"b": NO_TURN} if is_told else {}
+    mounts = {"b": NO_TURN} if is_given else {}
     settings = Settings(imu=Imu(profile="m-g350", mounts=mounts))
     sits = Rotation.from_euler("ZYX", turned_deg[::-1], degrees=True)
     sits = Rotation.from_rotvec(np.radians(1.0) * rng.standard_normal(3)) * sits
@@ -111,9 +111,9 @@ def compared(rest_s, lean, turned_deg, seed, is_told=False):
     return d, rng, settings, first, second, spares
 
 
-def take_over(rest_s, lean, turned_deg, seed, is_told=False, estimator="navigation", has_fixes=True):
+def take_over(rest_s, lean, turned_deg, seed, is_given=False, estimator="navigation", has_fixes=True):
     """What follows after that."""
-    d, rng, settings, _, second, spares = compared(rest_s, lean, turned_deg, seed, is_told)
+    d, rng, settings, _, second, spares = compared(rest_s, lean, turned_deg, seed, is_given)
     spares.remove(second.port)
     calibration = spares.calibration(second.port, second.configured, Calibration("b"), settings, 0)
     after = second.rows[round(TAKEN_S * RATE) :]
@@ -154,7 +154,7 @@ def test_a_spare_at_rest_takes_over_and_then_drives_off(turned_deg, lean):
 def test_one_whose_mounting_the_settings_name_has_a_heading(turned_deg):
     """It is believed to some degrees."""
     for seed in SEEDS:
-        run = take_over(75.0, LEANS["2 deg"], turned_deg, seed, is_told=True)
+        run = take_over(75.0, LEANS["2 deg"], turned_deg, seed, is_given=True)
         assert max(run.worst) < 3.5 and not run.findings
         assert run.out["status"][AT_LAST] & HEADING_VALID and 2.5 < run.sigma[AT_LAST, 2] < 4.0
 

@@ -79,14 +79,14 @@ class RelativeMountings:
         """Whether the sensor was in use before others, with the mounting in the settings."""
         return path in self._references
 
-    def sigma(self, path: str, is_told: bool) -> float:
+    def sigma(self, path: str, is_given: bool) -> float:
         """Of the mounting of a spare, rad, before it is compared with the sensor in use.
 
-        is_told: somebody has told its mounting: the settings name the sensor, or it was calibrated.
+        is_given: its mounting is known beforehand: the settings name the sensor, or it was calibrated.
         """
         if found := self._recalled.get(path, self._mountings.get(path)):
             return float(np.radians(min(found.sigma_deg, np.degrees(UNKNOWN_ANGLE))))
-        return MOUNTING if is_told else UNKNOWN_ANGLE
+        return MOUNTING if is_given else UNKNOWN_ANGLE
 
     def settle(self, path: str, used: str, rotation: Rotation | None) -> None:
         """The sensor in use goes away; rotation: from the spare's samples to it, as far as they agree."""

@@ -44,7 +44,7 @@ class Spares:
         self._compared: set[str] = set()
         self._unresolved: dict[str, str] = {}  # by path: which sensor went away while they disagreed
         self._known: dict[str, Calibration] = {}  # by path: of the spares, without their relative mountings
-        self._is_told: dict[str, bool] = {}  # by path: of the spares, as `RelativeMountings.sigma`
+        self._is_given: dict[str, bool] = {}  # by path: of the spares, as `RelativeMountings.sigma`
 
     def add(
         self,
@@ -68,12 +68,12 @@ class Spares:
         self._mountings.recall(_mounted(port, spare), _mounted(*used), now_ns)
         filter_.calibrate(self._mountings.tried_on(calibration, path))
         named = {path, configured.identity.serial} & set(settings.imu.mounts)
-        self._is_told[path] = bool(named) or calibration.mounting is not None
+        self._is_given[path] = bool(named) or calibration.mounting is not None
         self._compare(port, spare)
 
     def _compare(self, port: "Port", sensor: Inertial) -> None:
         path, profile = port.spec.path, profile_of(sensor.pipeline.filter.settings)
-        sigma = self._mountings.sigma(path, self._is_told[path]) if port in self.sensors else 0.0
+        sigma = self._mountings.sigma(path, self._is_given[path]) if port in self.sensors else 0.0
         self._comparison.join(path, profile, sensor.has_gyros, sigma)
         self._compared.add(path)
 

@@ -620,13 +620,19 @@ class FixAge:
     lon: float
     velocity: Reals
     integrals: Tensor
-    sums: Tensor
+    products: Tensor
+    pair_count: Reals
+    moving_count: Reals
+    corrections: Tensor
+    prior: Tensor
     probability: float
     age: float
     variance: float
     around: Tensor
-    acceleration: Tensor
-    corrections: Tensor
+    pair: Tensor
+    inverse: Tensor
+    gain: Tensor
+    undone: Tensor
 
 
 class VectorPair:

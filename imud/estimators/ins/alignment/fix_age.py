@@ -5,14 +5,18 @@ and the time offset is then learned with it. So before that a bank of ages compa
 acceleration A with that of the integrals of level specific force at both epochs less each age, a. Both are complex,
 north + i east, and
 
-    A = exp(i psi) a + b + noise
+    A = exp(i psi) (a + x1 + x2 G + x3 exp(i y)) + noise
 
-with the unknown heading psi of the level frame and an unknown error b of tilt and accelerometer. Both are eliminated by
-least squares. The variance of the noise is not known either, as an engine shakes the sensor. With an inverse gamma
-prior from the stated noise of the fixes it is integrated out: the likelihood of an age is then a power of its residual
-energy, so that a few pairs, which some age always explains, prove nothing. The prior of the age is a mixture: the
-filter's time offset with its sigma, or any age at all. An age proves nothing that does not explain most of the
-acceleration, as with a wrong lever arm.
+with the unknown heading psi of the level frame and the nuisance parameters x of `force_integrals`: tilt, gyro bias and
+accelerometer bias. Psi and x are eliminated by least squares, with the filter's covariance before the first pair in
+motion as the prior of x. Corrections since then are not in a: levelling takes a slow acceleration for tilt, and what it
+leaves of it comes earlier, so that right fixes look late.
+
+The variance of the noise is not known either, as an engine shakes the sensor. With an inverse gamma prior from the
+stated noise of the fixes it is integrated out: the likelihood of an age is then a power of its residual energy, so that
+a few pairs, which some age always explains, prove nothing. The prior of the age is a mixture: the filter's time offset
+with its sigma, or any age at all. An age proves nothing that does not explain most of the acceleration, as with a wrong
+lever arm.
 
 While an error of the time offset that the alignment does not bear is the more probable one, no heading is accepted;
 once it is certain, the time offset is set to the age, and the alignment begins again.
@@ -39,16 +43,9 @@ from ..ekf import variance
 from ..lever_arm import velocity_of_point
 from ..mechanization import ned_difference
 from ..state import AGE_STEP_NS, AGES, COARSE_ALIGNMENT, HORIZONTAL, NEVER_NS, NO_AGE, SNAPSHOTS, TIME_OFFSET
-from .force_integrals import (
-    DELTA_V,
-    Complex,
-    add_corrections,
-    add_scaled,
-    conjugate_product,
-    element,
-    multiply,
-    phasor,
-)
+from .force_integrals import DELTA_V, Complex, add_corrections, add_scaled, multiply, phasor
+from .heading_posterior import eliminate_nuisance, move_prior_to_origin, residual_product, set_prior
+from .hypothesis_bank import GNSS_COLUMN, INERTIAL_COLUMN, accumulate_products
 from .in_motion import reset_to_fix
 from .velocity_pairs import is_levelled, restart_in_motion_alignment
 
@@ -75,10 +72,7 @@ TUNABLES = (
     Tunable("fix_age_certainty", 0.99, "", "Probability of a larger error that is certain.", "Choice.", high=1.0),
     Tunable("fix_age_sigma", 0.15, "s", "Largest sigma of an age that the time offset is set to.", "Choice."),
 )
-# columns of the sums over pairs: their number, and that of those in motion; a, A, conj(a) A, |a|^2, |A|^2; the stated
-# variance of A
-PAIRS, MOVING, INERTIAL, GNSS, PRODUCT, INERTIAL_SQUARE, GNSS_SQUARE, STATED_NOISE = 0, 1, 2, 4, 6, 8, 9, 10
-SUMS = 11
+FITTED_PARAMETERS = 4.0  # the heading, the age, and the degrees of freedom that the nuisance parameters take
 
 
 @kernel
@@ -93,48 +87,32 @@ def store_integrals(g: FixAge, k: int, a: Alignment, nav: Nav, imu: Imu) -> None
             g.around[k, 0, i, j], g.around[k, 1, i, j] = a.integrals[i, j], a.double_integrals[i, j]
     for j in range(3):
         for i in range(2):
-            g.corrections[j, i] = -a.applied_corrections[j, i]
-    add_corrections(g.corrections, g.around[k, 0], DELTA_V)
-    add_corrections(g.corrections, g.around[k, 1], DELTA_V)
+            g.undone[j, i] = -a.applied_corrections[j, i]
+    add_corrections(g.undone, g.around[k, 0], DELTA_V)
+    add_corrections(g.undone, g.around[k, 1], DELTA_V)
     add_scaled(g.around[k, 0, DELTA_V], turning, 1.0)
     add_scaled(g.around[k, 1, DELTA_V], place, 1.0)
 
 
 @kernel
-def add_pair(g: FixAge, i: int, a: Complex, change: Complex, noise: float, moving: bool) -> None:
-    """Add the accelerations of the integrals at age i and of the fixes, m/s^2, to the sums."""
-    x, s = conjugate_product(a, change), g.sums[i]
-    s[PAIRS] += 1.0
-    s[MOVING] += 1.0 if moving else 0.0
-    s[STATED_NOISE] += noise
-    for k in range(2):
-        s[INERTIAL + k] += a[k]
-        s[GNSS + k] += change[k]
-        s[PRODUCT + k] += x[k]
-    s[INERTIAL_SQUARE] += a[0] * a[0] + a[1] * a[1]
-    s[GNSS_SQUARE] += change[0] * change[0] + change[1] * change[1]
-
-
-@kernel
-def residual_energy(g: FixAge, i: int) -> tuple[float, float]:
-    """Sums of |A - exp(i psi) a - b|^2 at age i, m^2/s^4, for the best psi and b, and of |A - mean of A|^2."""
-    s, n = g.sums[i], g.sums[i, PAIRS]
-    mean = conjugate_product((s[INERTIAL], s[INERTIAL + 1]), (s[GNSS], s[GNSS + 1]))
-    inertial2 = s[INERTIAL_SQUARE] - (s[INERTIAL] ** 2 + s[INERTIAL + 1] ** 2) / n
-    gnss2 = s[GNSS_SQUARE] - (s[GNSS] ** 2 + s[GNSS + 1] ** 2) / n
-    product = elementary.hypot(s[PRODUCT] - mean[0] / n, s[PRODUCT + 1] - mean[1] / n)
-    return max(inertial2 + gnss2 - 2.0 * product, 0.0), gnss2
-
-
-@kernel
 def compare_age(
-    c: Core, g: FixAge, i: int, earlier: int, share: float, dt: float, reported: bool, change: Complex, noise: float
+    g: FixAge,
+    i: int,
+    earlier: int,
+    share: float,
+    dt: float,
+    reported: bool,
+    change: Complex,
+    weight: float,
+    moving: bool,
 ) -> None:
     """Add the pair of the last fix and this one at age i, `share` of the way between the states in g.around.
 
-    earlier: which of these is the earlier one. A share of NaN: the integrals then are unknown.
+    earlier: which of these is the earlier one. A share of NaN: the integrals then are unknown. change: the receiver's
+    acceleration, of variance 1 / weight. moving: the vehicle is not at rest.
     """
-    last, acceleration = g.integrals[i], g.acceleration
+    last, pair = g.integrals[i], g.pair
+    pair[GNSS_COLUMN, 0], pair[GNSS_COLUMN, 1] = change
     before, after = g.around[earlier], g.around[1 - earlier]
     for j in range(4):
         for k in range(2):
@@ -142,12 +120,51 @@ def compare_age(
             place = before[1, j, k] + share * (after[1, j, k] - before[1, j, k])
             if not reported:
                 velocity = (place - last[1, j, k]) / dt
-            acceleration[j, k] = (velocity - last[0, j, k]) / dt
+            pair[INERTIAL_COLUMN + j, k] = (velocity - last[0, j, k]) / dt
             last[0, j, k], last[1, j, k] = velocity, place
-    add_corrections(c.alignment.applied_corrections, acceleration, DELTA_V)
-    add_corrections(c.alignment.corrections, acceleration, DELTA_V)
-    if math.isfinite(acceleration[0, 0]) and math.isfinite(change[0]):
-        add_pair(g, i, element(acceleration, DELTA_V), change, noise, not c.stationarity.at_rest)
+    add_corrections(g.corrections, pair, INERTIAL_COLUMN)
+    if math.isfinite(pair[INERTIAL_COLUMN, 0]) and math.isfinite(change[0]):
+        accumulate_products(g.products[i], pair, weight)
+        g.pair_count[i] += 1.0
+        g.moving_count[i] += 1.0 if moving else 0.0
+
+
+@kernel
+def discount_pairs(g: FixAge, factor: float) -> None:
+    """Multiply the sums over pairs by `factor`, 0 to 1."""
+    g.products *= factor
+    g.pair_count *= factor
+    g.moving_count *= factor
+
+
+@kernel
+def is_moving(g: FixAge) -> bool:
+    """Whether there is a pair in motion."""
+    for i in range(AGES):
+        if g.moving_count[i] > 0.0:
+            return True
+    return False
+
+
+@kernel
+def begin_pairs(c: Core, g: FixAge) -> None:
+    """Clear the sums; from now on the corrections that the filter has made so far are in the accelerations."""
+    discount_pairs(g, 0.0)
+    for j in range(3):
+        for i in range(2):
+            g.corrections[j, i] = c.alignment.applied_corrections[j, i] + c.alignment.corrections[j, i]
+    set_prior(c, g.prior)
+    move_prior_to_origin(c, g.prior)
+
+
+@kernel
+def residual_energy(g: FixAge, i: int) -> tuple[float, float]:
+    """Least squares of the equation at age i, in units of the noise, and of the receiver's acceleration without a."""
+    eliminate_nuisance(g.gain, g.inverse, g.prior, g.products[i])
+    both = residual_product(g.gain, g.products[i], INERTIAL_COLUMN, GNSS_COLUMN)
+    inertial2 = residual_product(g.gain, g.products[i], INERTIAL_COLUMN, INERTIAL_COLUMN)[0]
+    gnss2 = residual_product(g.gain, g.products[i], GNSS_COLUMN, GNSS_COLUMN)[0]
+    return max(inertial2 + gnss2 - 2.0 * elementary.hypot(both[0], both[1]), 0.0), gnss2
 
 
 @kernel
@@ -159,8 +176,8 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
     g, c = s.fix_age, s.core[0]
     dt = 1e-9 * (fix.t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
     paired, restarted = dt < p.tuning.vector_pair_max_s, g.origin_ns != c.alignment.origin_ns
-    if restarted:
-        g.sums[:] = 0.0
+    if restarted or not is_moving(g):
+        begin_pairs(c, g)
     decay = elementary.exp(-dt / p.tuning.fix_age_memory_s) if paired else 1.0
     if not paired or restarted or not is_levelled(p, c):
         g.integrals[:] = math.nan
@@ -171,6 +188,8 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
         north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
         vn, ve = north / dt, east / dt
     change = ((vn - g.velocity[0]) / dt, (ve - g.velocity[1]) / dt)
+    weight, moving = 1.0 / max(noise, p.tuning.fix_age_accel_sigma**2), not c.stationarity.at_rest
+    discount_pairs(g, decay)
     k, oldest = s.snapshot_count, max(0, s.snapshot_count - SNAPSHOTS)
     before_ns, after_ns, earlier = c.nav.t_ns, c.nav.t_ns, 0
     store_integrals(g, 0, c.alignment, c.nav, c.imu)
@@ -186,9 +205,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
                 after_ns, before_ns, earlier = before_ns, e.nav.t_ns, 1 - earlier
                 store_integrals(g, earlier, e.alignment, e.nav, e.imu)
         share = (t_ns - before_ns) / max(after_ns - before_ns, 1) if before_ns <= t_ns <= after_ns else math.nan
-        for m in range(SUMS):
-            g.sums[i, m] *= decay
-        compare_age(c, g, i, earlier, share, dt, reported, change, noise)
+        compare_age(g, i, earlier, share, dt, reported, change, weight, moving)
     g.last_ns, g.origin_ns = fix.t_ns, c.alignment.origin_ns
     g.velocity[0], g.velocity[1], g.lat, g.lon = vn, ve, fix.lat, fix.lon
 
@@ -200,18 +217,17 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
     energy = np.empty(AGES)
     best, most, accel2 = -1, 0.0, 0.0
     for i in range(AGES):
-        most = max(most, g.sums[i, PAIRS])
+        most = max(most, g.pair_count[i])
     for i in range(AGES):
         energy[i] = math.inf
-        if most >= p.tuning.fix_age_min_pairs and g.sums[i, PAIRS] > p.tuning.fix_age_pair_share * most:
+        if most >= p.tuning.fix_age_min_pairs and g.pair_count[i] > p.tuning.fix_age_pair_share * most:
             energy[i], gnss2 = residual_energy(g, i)
             if best < 0 or energy[i] < energy[best]:
                 best, accel2 = i, gnss2
     if best < 0 or energy[best] > p.tuning.fix_age_residual * accel2:
         return
-    weight, stated = p.tuning.fix_age_noise_weight, g.sums[best, STATED_NOISE] / g.sums[best, PAIRS]
-    residuals = max(2.0 * g.sums[best, MOVING] - 4.0, 0.0)  # psi, b and the age are estimated from them
-    prior_energy = weight * max(stated, p.tuning.fix_age_accel_sigma**2)
+    weight = p.tuning.fix_age_noise_weight
+    residuals = max(2.0 * g.moving_count[best] - FITTED_PARAMETERS, 0.0)
     exponent = 0.5 * (residuals + weight) / p.tuning.correlation_factor
     step, offset = 1e-9 * AGE_STEP_NS, c.nav.time_offset
     spread, total = variance(c, TIME_OFFSET) + step * step / 12.0, 0.0
@@ -223,7 +239,7 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
         prior = (1.0 - p.tuning.fix_age_prior) * elementary.exp(-0.5 * (age - offset) ** 2 / spread) / total
         likelihood = 0.0  # of an age that there are no pairs for
         if energy[i] < math.inf:
-            ratio = (energy[i] + prior_energy) / (energy[best] + prior_energy)
+            ratio = (energy[i] + weight) / (energy[best] + weight)
             likelihood = elementary.exp(-exponent * elementary.log(ratio))
         posterior = (prior + p.tuning.fix_age_prior / AGES) * likelihood
         mass += posterior

@@ -70,7 +70,7 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
     """Rotate the level frame to north if its heading is known well enough; its sigma: alignment.heading_sigma."""
     bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
     rotation2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
-    set_prior(c, b)
+    set_prior(c, b.prior)
     if not accept_heading(p, c, solve_heading(p, c, b, bias_variance)):
         return False
     for i in range(2):

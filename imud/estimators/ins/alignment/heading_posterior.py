@@ -95,10 +95,10 @@ def nuisance_jacobian(c: Core, C_nb: Matrix, i: int) -> int:
 
 
 @kernel
-def set_prior(c: Core, b: HypothesisBank) -> None:
-    """b.prior <- covariance of the nuisance parameters (3 x 3, complex) from P, averaged over the two level axes."""
+def set_prior(c: Core, prior: Tensor) -> None:
+    """Set `prior` to the nuisance parameters' covariance (3 x 3, complex) from P, averaged over the two level axes."""
     C_nb = rotation_matrix(c)
-    b.prior[:] = 0.0
+    prior[:] = 0.0
     for j in range(6):
         cross_covariance(c, nuisance_jacobian(c, C_nb, j))
         for i in range(6):
@@ -107,24 +107,24 @@ def set_prior(c: Core, b: HypothesisBank) -> None:
             for k in range(length):
                 s += c.scratch.values[k] * c.scratch.d[c.scratch.columns[k]]
             if i % 2 == j % 2:
-                b.prior[i // 2, j // 2, 0] += 0.5 * s
+                prior[i // 2, j // 2, 0] += 0.5 * s
             else:
-                b.prior[i // 2, j // 2, 1] += 0.5 * s if i % 2 == 1 else -0.5 * s
+                prior[i // 2, j // 2, 1] += 0.5 * s if i % 2 == 1 else -0.5 * s
 
 
 @kernel
-def set_wide_prior(p: Parameters, c: Core, b: HypothesisBank, accel_initial: float) -> None:
-    """b.prior <- wide variances of tilt and accelerometer bias (sigma `accel_initial`, m/s^2); the gyro bias from P."""
-    set_prior(c, b)
-    gyro = b.prior[1, 1, 0]
-    b.prior[:] = 0.0
-    b.prior[0, 0, 0], b.prior[1, 1, 0], b.prior[2, 2, 0] = p.tuning.unknown_tilt_accel**2, gyro, accel_initial**2
+def set_wide_prior(p: Parameters, c: Core, prior: Tensor, accel_initial: float) -> None:
+    """Set wide variances of tilt and accelerometer bias (sigma `accel_initial`, m/s^2); the gyro bias from P."""
+    set_prior(c, prior)
+    gyro = prior[1, 1, 0]
+    prior[:] = 0.0
+    prior[0, 0, 0], prior[1, 1, 0], prior[2, 2, 0] = p.tuning.unknown_tilt_accel**2, gyro, accel_initial**2
 
 
 @kernel
-def move_prior_to_origin(c: Core, b: HypothesisBank) -> None:
-    """Transform b.prior from tilt and biases now, in level axes, to those at the origin of the integrals."""
-    a, s = c.alignment, b.prior
+def move_prior_to_origin(c: Core, s: Tensor) -> None:
+    """Transform the prior `s` from tilt and biases now, in level axes, to those at the origin of the integrals."""
+    a = c.alignment
     frame, heading_integral = phasor(a.frame_azimuth), element(a.integrals, HEADING_INTEGRAL)
     body = multiply(frame, (a.heading_phasor[0], -a.heading_phasor[1]))
     for k in range(3):  # rows
@@ -160,33 +160,32 @@ def invert(a: Tensor) -> None:
 
 
 @kernel
-def eliminate_nuisance(b: HypothesisBank, products: Tensor) -> None:
-    """b.gain <- (N + S^-1)^-1 = S (N S + 1)^-1; N: products of the regressors with each other, S: b.prior."""
-    s, g = b.prior, b.inverse
+def eliminate_nuisance(gain: Tensor, g: Tensor, prior: Tensor, products: Tensor) -> None:
+    """`gain` <- (N + S^-1)^-1 = S (N S + 1)^-1; N: products of the regressors, S: the prior, g: scratch."""
     for j in range(3):
         for k in range(3):
             g[j, k, 0], g[j, k, 1] = 1.0 if j == k else 0.0, 0.0
             for i in range(3):
                 add_scaled(
                     g[j, k],
-                    multiply(element(products[REGRESSOR_COLUMN + j], REGRESSOR_COLUMN + i), element(s[i], k)),
+                    multiply(element(products[REGRESSOR_COLUMN + j], REGRESSOR_COLUMN + i), element(prior[i], k)),
                     1.0,
                 )
     invert(g)
     for j in range(3):
         for k in range(3):
-            b.gain[j, k, 0], b.gain[j, k, 1] = 0.0, 0.0
+            gain[j, k, 0], gain[j, k, 1] = 0.0, 0.0
             for i in range(3):
-                add_scaled(b.gain[j, k], multiply(element(s[j], i), element(g[i], k)), 1.0)
+                add_scaled(gain[j, k], multiply(element(prior[j], i), element(g[i], k)), 1.0)
 
 
 @kernel
-def residual_product(b: HypothesisBank, products: Tensor, one: int, other: int) -> Complex:
-    """products[one, other] less the part that the regressors explain: a Schur complement by b.gain."""
+def residual_product(gain: Tensor, products: Tensor, one: int, other: int) -> Complex:
+    """products[one, other] less the part that the regressors explain: a Schur complement by `gain`."""
     re, im = element(products[one], other)
     for j in range(3):
         for k in range(3):
-            right = multiply(element(b.gain[j], k), element(products[REGRESSOR_COLUMN + k], other))
+            right = multiply(element(gain[j], k), element(products[REGRESSOR_COLUMN + k], other))
             p = multiply(element(products[one], REGRESSOR_COLUMN + j), right)
             re -= p[0]
             im -= p[1]
@@ -196,10 +195,10 @@ def residual_product(b: HypothesisBank, products: Tensor, one: int, other: int) 
 @kernel
 def evaluate_hypothesis(b: HypothesisBank, k: int) -> tuple[float, float]:
     """b.headings[k] <- heading of the level frame (rad) and residual energy; returns residual and explained energy."""
-    eliminate_nuisance(b, b.products[k])
-    re, im = residual_product(b, b.products[k], INERTIAL_COLUMN, GNSS_COLUMN)
-    z2 = residual_product(b, b.products[k], INERTIAL_COLUMN, INERTIAL_COLUMN)[0]
-    v2 = residual_product(b, b.products[k], GNSS_COLUMN, GNSS_COLUMN)[0]
+    eliminate_nuisance(b.gain, b.inverse, b.prior, b.products[k])
+    re, im = residual_product(b.gain, b.products[k], INERTIAL_COLUMN, GNSS_COLUMN)
+    z2 = residual_product(b.gain, b.products[k], INERTIAL_COLUMN, INERTIAL_COLUMN)[0]
+    v2 = residual_product(b.gain, b.products[k], GNSS_COLUMN, GNSS_COLUMN)[0]
     both = elementary.hypot(re, im)
     b.headings[k, 0], b.headings[k, 1] = elementary.atan2(im, re), z2 + v2 - 2.0 * both
     return z2 + v2 - 2.0 * both, min(z2, both)
@@ -243,7 +242,7 @@ def solve_heading(
     if b.weight <= FITTED_PARAMETERS or energy**2 < events * b.energy2:
         return unknown
     apply_corrections(p, c, b)
-    move_prior_to_origin(c, b)
+    move_prior_to_origin(c, b.prior)
     least, power = math.inf, 0.0
     for k in range(HYPOTHESES):
         residual_energy, explained_energy = evaluate_hypothesis(b, k)

@@ -166,12 +166,11 @@ def correct_products(products: Tensor, d: Tensor) -> None:
 
 
 @kernel
-def accumulate_products(b: HypothesisBank, k: int, weight: float) -> None:
-    """Add the products of the innovations in b.innovations, times `weight`, to those of hypothesis k."""
-    z = b.innovations
+def accumulate_products(products: Tensor, z: Tensor, weight: float) -> None:
+    """Add conj(z[i]) z[j] times `weight` to products[i, j]; z: (5, 2), products: (5, 5, 2)."""
     for i in range(5):
         for j in range(5):
-            add_scaled(b.products[k, i, j], conjugate_product(element(z, i), element(z, j)), weight)
+            add_scaled(products[i, j], conjugate_product(element(z, i), element(z, j)), weight)
 
 
 @kernel
@@ -191,7 +190,7 @@ def match_measurement(
     for k in range(HYPOTHESES):
         whitened_innovations(b, k, is_position, measured, antenna_offset(p, c, k, is_position))
         if informative:
-            accumulate_products(b, k, 1.0 / s)
+            accumulate_products(b.products[k], b.innovations, 1.0 / s)
         update_hypothesis(b, k, is_position, s)
     if informative:
         add_energy(b, 1.0 / s, 1e-9 * (c.nav.t_ns - c.alignment.origin_ns))

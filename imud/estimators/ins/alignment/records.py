@@ -93,13 +93,19 @@ FIX_AGE = np.dtype(  # by how much the fixes are older than their epochs, while 
         ("lon", "<f8"),
         ("velocity", "<f8", (2,)),  # m/s, north and east, its velocity, or the mean since the one before
         ("integrals", "<f8", (AGES, 2, 4, 2)),  # at its epoch less each age: integrals, double integrals; NaN: unknown
-        ("sums", "<f8", (AGES, 11)),  # over pairs of fixes
+        ("products", "<f8", (AGES, 5, 5, 2)),  # sums over pairs of fixes, in units of their noise: see hypothesis_bank
+        ("pair_count", "<f8", (AGES,)),
+        ("moving_count", "<f8", (AGES,)),  # of the pairs in motion
+        ("corrections", "<f8", (3, 2)),  # in the accelerations: those of before the first pair in motion
+        ("prior", "<f8", (3, 3, 2)),  # of the nuisance parameters, after these
         ("probability", "<f8"),  # that the time offset is wrong by more than the alignment bears
         ("age", "<f8"),  # s, mean of the posterior
         ("variance", "<f8"),  # s^2, of the posterior
         ("around", "<f8", (2, 2, 4, 2)),  # scratch: the integrals of the states before and after a time
-        ("acceleration", "<f8", (4, 2)),  # scratch: change of the integrals between two fixes, by the time between
-        ("corrections", "<f8", (3, 2)),  # scratch: minus those that the integrals of a state have had
+        ("pair", "<f8", (5, 2)),  # scratch, m/s^2: acceleration of the receiver, and changes of the integrals by time
+        ("inverse", "<f8", (3, 3, 2)),  # scratch
+        ("gain", "<f8", (3, 3, 2)),  # scratch
+        ("undone", "<f8", (3, 2)),  # scratch: minus the corrections that the integrals of a state have had
     ],
     align=True,
 )

@@ -83,7 +83,7 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     if b.weight == before:
         return True
     bias = innovation_variance(c, vertical_bias_jacobian(c))
-    set_wide_prior(p, c, b, p.accel_bias_sigma)
+    set_wide_prior(p, c, b.prior, p.accel_bias_sigma)
     found = solve_heading(p, c, b, bias)
     psi, sigma = found[0], found[1]
     known = variance(c, ATTITUDE + 2)

@@ -116,7 +116,7 @@ def match(b, z, u, seen, ages):
             turn = np.exp(1j * hypotheses.frame_rate(PARAMETERS, k) * ages[i])
             for j, value in enumerate([seen[i], turn * z[i], *(turn * u[i])]):
                 b["innovations"][j] = value.real, value.imag
-            hypotheses.accumulate_products(b.products[k], b.innovations, 1.0 / VARIANCE)
+            hypotheses.accumulate_products(b["products"][k], b["innovations"], 1.0 / VARIANCE)
         hypotheses.add_energy(b, 1.0 / VARIANCE, ages[i])
 
 
@@ -243,7 +243,7 @@ def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_m
     rows[0, ATTITUDE : ATTITUDE + 2] = G * 1j, -G  # i g (phi_n + i phi_e)
     rows[1, GYRO_BIAS : GYRO_BIAS + 3] = -1j * G * (C[0] + 1j * C[1])
     rows[2, ACCEL_BIAS : ACCEL_BIAS + 3] = -(C[0] + 1j * C[1])
-    posterior.set_prior(c, b.prior)
+    posterior.set_prior(c, b["prior"])
     assert complex_(b["prior"]) == pytest.approx(0.5 * rows @ P @ rows.conj().T, rel=1e-9, abs=1e-12)
 
 

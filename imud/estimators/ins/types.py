@@ -621,8 +621,7 @@ class FixAge:
     velocity: Reals
     integrals: Tensor
     products: Tensor
-    pair_count: Reals
-    moving_count: Reals
+    counts: Tensor
     corrections: Tensor
     prior: Tensor
     probability: float

@@ -72,6 +72,7 @@ TUNABLES = (
     Tunable("fix_age_certainty", 0.99, "", "Probability of a larger error that is certain.", "Choice.", high=1.0),
     Tunable("fix_age_sigma", 0.15, "s", "Largest sigma of an age that the time offset is set to.", "Choice."),
 )
+PAIRS, MOVING = 0, 1  # columns of the counts: all pairs, those in motion
 FITTED_PARAMETERS = 4.0  # the heading, the age, and the degrees of freedom that the nuisance parameters take
 
 
@@ -125,23 +126,22 @@ def compare_age(
     add_corrections(g.corrections, pair, INERTIAL_COLUMN)
     if math.isfinite(pair[INERTIAL_COLUMN, 0]) and math.isfinite(change[0]):
         accumulate_products(g.products[i], pair, weight)
-        g.pair_count[i] += 1.0
-        g.moving_count[i] += 1.0 if moving else 0.0
+        g.counts[i, PAIRS] += 1.0
+        g.counts[i, MOVING] += 1.0 if moving else 0.0
 
 
 @kernel
 def discount_pairs(g: FixAge, factor: float) -> None:
     """Multiply the sums over pairs by `factor`, 0 to 1."""
     g.products *= factor
-    g.pair_count *= factor
-    g.moving_count *= factor
+    g.counts *= factor
 
 
 @kernel
 def is_moving(g: FixAge) -> bool:
     """Whether there is a pair in motion."""
     for i in range(AGES):
-        if g.moving_count[i] > 0.0:
+        if g.counts[i, MOVING] > 0.0:
             return True
     return False
 
@@ -217,17 +217,17 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
     energy = np.empty(AGES)
     best, most, accel2 = -1, 0.0, 0.0
     for i in range(AGES):
-        most = max(most, g.pair_count[i])
+        most = max(most, g.counts[i, PAIRS])
     for i in range(AGES):
         energy[i] = math.inf
-        if most >= p.tuning.fix_age_min_pairs and g.pair_count[i] > p.tuning.fix_age_pair_share * most:
+        if most >= p.tuning.fix_age_min_pairs and g.counts[i, PAIRS] > p.tuning.fix_age_pair_share * most:
             energy[i], gnss2 = residual_energy(g, i)
             if best < 0 or energy[i] < energy[best]:
                 best, accel2 = i, gnss2
     if best < 0 or energy[best] > p.tuning.fix_age_residual * accel2:
         return
     weight = p.tuning.fix_age_noise_weight
-    residuals = max(2.0 * g.moving_count[best] - FITTED_PARAMETERS, 0.0)
+    residuals = max(2.0 * g.counts[best, MOVING] - FITTED_PARAMETERS, 0.0)
     exponent = 0.5 * (residuals + weight) / p.tuning.correlation_factor
     step, offset = 1e-9 * AGE_STEP_NS, c.nav.time_offset
     spread, total = variance(c, TIME_OFFSET) + step * step / 12.0, 0.0

@@ -94,8 +94,7 @@ FIX_AGE = np.dtype(  # by how much the fixes are older than their epochs, while 
         ("velocity", "<f8", (2,)),  # m/s, north and east, its velocity, or the mean since the one before
         ("integrals", "<f8", (AGES, 2, 4, 2)),  # at its epoch less each age: integrals, double integrals; NaN: unknown
         ("products", "<f8", (AGES, 5, 5, 2)),  # sums over pairs of fixes, in units of their noise: see hypothesis_bank
-        ("pair_count", "<f8", (AGES,)),
-        ("moving_count", "<f8", (AGES,)),  # of the pairs in motion
+        ("counts", "<f8", (AGES, 2)),  # of pairs, and of those in motion
         ("corrections", "<f8", (3, 2)),  # in the accelerations: those of before the first pair in motion
         ("prior", "<f8", (3, 3, 2)),  # of the nuisance parameters, after these
         ("probability", "<f8"),  # that the time offset is wrong by more than the alignment bears

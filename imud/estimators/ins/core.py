@@ -231,7 +231,8 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
-        ("fix_age_error2", "<f8"),  # s^2, of the time offset if it is probably wrong, else 0; changes with new fixes
+        ("fix_age_probability", "<f8"),  # that the time offset is wrong; this and the next change with new fixes
+        ("fix_age_error2", "<f8"),  # s^2, mean square of the time offset's error; 0: no ages have been compared
         ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
         ("discrepancy_onset_ns", "<i8"),
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias

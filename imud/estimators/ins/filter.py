@@ -13,7 +13,7 @@ from ..pending_innovations import move_innovations, store_innovation
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
 from .aiding.source_age import learn_age
-from .alignment.fix_age import is_fix_age_found, learn_fix_age, probable_error2, use_fix_age
+from .alignment.fix_age import is_fix_age_found, learn_fix_age, mean_square_error, use_fix_age
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .bias_changes import begin_bias_changes
@@ -136,7 +136,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if found:
         use_fix_age(p, c, s.fix_age, fix)
     judge_discrepancy(p, c, s.velocity_discrepancy)
-    c.scratch.fix_age_error2 = probable_error2(c, s.fix_age)
+    c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
     remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)

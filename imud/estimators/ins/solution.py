@@ -106,7 +106,7 @@ def unknown_time_offset(c: Core, axis: int) -> float:
     """
     if c.alignment.mode == NAVIGATING or c.gnss.last_used_ns == NEVER_NS:
         return 0.0
-    return float((variance(c, TIME_OFFSET) + c.scratch.fix_age_error2) * c.nav.v_n[axis] ** 2)
+    return float(max(variance(c, TIME_OFFSET), c.scratch.fix_age_error2) * c.nav.v_n[axis] ** 2)
 
 
 @kernel

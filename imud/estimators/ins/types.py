@@ -539,6 +539,7 @@ class Scratch:
     innovations: list[Innovation]
     innovation_count: int
     age_variance: float
+    fix_age_probability: float
     fix_age_error2: float
     discrepancy2: Reals
     discrepancy_onset_ns: int

@@ -212,8 +212,11 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
 
 @kernel
 def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
-    """g.age, g.variance <- those of the posterior; g.probability <- of an error that the alignment does not bear."""
-    g.probability = 0.0
+    """g.age, g.variance <- those of the posterior; g.probability <- of an error that the alignment does not bear.
+
+    Without a posterior the latter two are 0.
+    """
+    g.probability = g.variance = 0.0
     energy = np.empty(AGES)
     best, most, accel2 = -1, 0.0, 0.0
     for i in range(AGES):
@@ -257,7 +260,7 @@ def learn_fix_age(p: Parameters, s: State, fix: Fix) -> None:
     """Compare a fix at all ages, before the rewind to its epoch; only while the heading is sought."""
     g, c = s.fix_age, s.core[0]
     if c.alignment.mode != COARSE_ALIGNMENT or c.alignment.heading_sigma > 0.0:
-        g.last_ns, g.origin_ns, g.probability = NEVER_NS, NEVER_NS, 0.0
+        g.last_ns, g.origin_ns, g.probability, g.variance = NEVER_NS, NEVER_NS, 0.0, 0.0
         return
     if g.last_ns != NEVER_NS and 1e-9 * (fix.t_ns - g.last_ns) < p.tuning.pair_min_s:
         return
@@ -272,15 +275,15 @@ def is_fix_age_found(p: Parameters, g: FixAge) -> bool:
 
 
 @kernel
-def probable_error2(c: Core, g: FixAge) -> float:
-    """Mean square of the time offset's error, s^2, if one that the alignment does not bear is probable, else 0."""
-    return float((g.age - c.nav.time_offset) ** 2 + g.variance) if g.probability > 0.5 else 0.0
+def mean_square_error(c: Core, g: FixAge) -> float:
+    """Mean square of the time offset's error, s^2, by the posterior of the age; 0 where there is none."""
+    return float((g.age - c.nav.time_offset) ** 2 + g.variance) if g.variance > 0.0 else 0.0
 
 
 @kernel
 def use_fix_age(p: Parameters, c: Core, g: FixAge, fix: Fix) -> None:
     """From a rewound core: set the time offset to the age, and begin the alignment again with the fix."""
     set_time_offset(c, g.age, g.variance)
-    g.probability = 0.0
+    g.probability = g.variance = 0.0
     restart_in_motion_alignment(c)
     reset_to_fix(p, c, fix)

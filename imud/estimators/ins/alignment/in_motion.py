@@ -20,7 +20,7 @@ from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..ekf import combine, decorrelate, innovation_variance, standard_deviation, variance
 from ..lever_arm import antenna_velocity
 from ..mechanization import ned_difference, set_position, set_velocity
-from ..state import ATTITUDE, GNSS_BIAS, HORIZONTAL, POSITION, VELOCITY, VERTICAL
+from ..state import ATTITUDE, GNSS_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
 from .force_integrals import DELTA_V, TIME, multiply, phasor
 from .heading_acceptance import find_heading
 from .hypothesis_bank import frame_rotation, nearest_hypothesis
@@ -166,7 +166,8 @@ def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
     if matched and not c.stationarity.at_rest and level_with_vectors(p, c, b):
         return
     found = c.alignment.heading_sigma > 0.0
-    if is_levelled(p, c) and (found or (c.scratch.fix_age_error2 == 0.0 and find_heading(p, c, b))):
+    if is_levelled(p, c) and (found or (c.scratch.fix_age_probability < 0.5 and find_heading(p, c, b))):
+        decorrelate(c, TIME_OFFSET, max(variance(c, TIME_OFFSET), c.scratch.fix_age_error2))
         if math.isfinite(vn) and math.isfinite(ve):  # the velocity is fused next, at the sensor, with the heading known
             for i in range(2):
                 decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)

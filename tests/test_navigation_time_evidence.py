@@ -13,10 +13,10 @@ from imud.estimators.ins.core import TRANSITION
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
-from imud.estimators.ins.time_evidence import bound_time_information
+from imud.estimators.ins.time_evidence import measure_time_evidence
 from imud.math.kalman import packed_index
 
-bound_time_information, packed_index = in_c(bound_time_information), interpreted(packed_index)
+measure_time_evidence, packed_index = in_c(bound_time_information), interpreted(packed_index)
 DT, PSD, PRIOR_S = 0.01, 0.02, 0.07
 
 
@@ -31,7 +31,7 @@ def stated(accel, sigma_s=1e-3):
     for k, a in enumerate(accel):
         c["cov"]["P"][at] = PRIOR_S**2 if k == 0 else sigma_s**2
         transition["delta_v"] = a * DT
-        bound_time_information(p, c, transition)
+        measure_time_evidence(p, c, transition)
     return float(c["time_evidence"]["jerk2"]), float(c["time_evidence"]["missing_variance"])
 
 

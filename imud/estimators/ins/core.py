@@ -164,9 +164,9 @@ TIME_EVIDENCE = np.dtype(  # what changes of the acceleration show of the time o
         ("duration", "<f8"),  # s, of the window until now
         ("accel", "<f8", (3,)),  # m/s^2, NED, mean specific force of the window before
         ("accel_noise", "<f8"),  # m^2/s^4, variance of each component of it; 0: there was none
-        ("prior_information", "<f8"),  # 1/s^2, about the time offset at the end of the alignment
-        ("jerk2", "<f8"),  # m^2/s^5, integral of the squared rate of change since then
-        ("missing_variance", "<f8"),  # s^2, by which P states less than can be known
+        ("information", "<f8"),  # 1/s^2, about the time offset, by P at the end of the window before
+        ("error_variance", "<f8"),  # s^2, of the time offset then; more than that of P
+        ("missing_variance", "<f8"),  # s^2, by which P states less now
     ],
     align=True,
 )
@@ -185,6 +185,7 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
         ("first_log_psd", "<f8", (2,)),  # when navigation began; infinite once the noise is known
+        ("first_time_variance", "<f8"),  # s^2, of the time offset then
         # covariance of the filter of nine states, and its derivatives by the logarithms, packed; one lane is empty
         ("covariances", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2, LANES)),
         # derivatives of the estimate by the logarithms

@@ -34,7 +34,7 @@ from .integrity.reset_inflation import propagate_inflation
 from .mechanization import start_integration
 from .process_noise import learn_process_noise, propagate_learning, update_learning
 from .state import ATTITUDE, CONSTRAINT_AXIS, HORIZONTAL, NAVIGATING, OTHER_AXIS, VELOCITY, VERTICAL
-from .time_evidence import bound_time_information
+from .time_evidence import measure_time_evidence
 
 if TYPE_CHECKING:
     from ..types import Innovation
@@ -56,7 +56,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     propagate_sensitivities(c, transition)
     propagate_boresights(p, c, transition)
     propagate_learning(p, c, transition)
-    bound_time_information(p, c, transition)
+    measure_time_evidence(p, c, transition)
     propagate_inflation(c, transition.interval, transition.gnss_bias_decay)
     start_integration(c)
 

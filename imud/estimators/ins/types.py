@@ -156,8 +156,8 @@ class TimeEvidence:
     duration: float
     accel: Reals
     accel_noise: float
-    prior_information: float
-    jerk2: float
+    information: float
+    error_variance: float
     missing_variance: float
 
 
@@ -247,6 +247,7 @@ class ProcessNoise:
     log_psd: Reals
     log_psd_covariance: Reals
     first_log_psd: Reals
+    first_time_variance: float
     covariances: Tensor
     estimate_sensitivity: Tensor
 

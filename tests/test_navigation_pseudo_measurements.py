@@ -2,11 +2,17 @@
 
 import numpy as np
 import pytest
+from in_c import in_c
 from navigation_simulation import drive, received, sensed
 
 from imud.batch import play
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
+from imud.estimators.ins.aiding.zero_velocity import fuse_rest
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import GYRO_BIAS, STATES
 from imud.estimators.records import (
     INNOVATION,
     NHC_LATERAL,
@@ -18,6 +24,7 @@ from imud.estimators.records import (
     REST_Z,
     SOLUTION,
 )
+from imud.math.kalman import packed_index
 from imud.pipeline import Filter
 
 RATE = 100
@@ -91,3 +98,18 @@ def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
     assert len(kept) == PENDING_MAX
     assert (np.diff(kept["t_ns"]) >= 0).all()
     assert not len(filter_.pending_innovations())
+
+
+@pytest.mark.parametrize(("noise", "contradicts"), [(0.05, False), (0.0, True)])
+def test_noise_of_the_gyros_at_rest_contradicts_no_bias(noise, contradicts):
+    """A window's mean rate of 1.2 deg/s: three of its own sigmas with noise of 0.05 rad/s, else of a wrong bias."""
+    settings = Settings()
+    p, c = (
+        configure(settings, RATE)[0],
+        start(configure(settings, RATE), Initial(lat_deg=50.0, lon_deg=8.0))["core"][0, 0],
+    )
+    for i in range(3):
+        c["cov"]["P"][interpreted(packed_index)(STATES, GYRO_BIAS + i, GYRO_BIAS + i)] = np.radians(0.01) ** 2
+    c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
+    c["stationarity"]["gyro_noise_floor"], c["stationarity"]["mean_w"][0] = noise, np.radians(1.2)
+    assert bool(in_c(fuse_rest)(p, c)) == contradicts

@@ -2,26 +2,34 @@
 
 import csv
 import dataclasses
+import itertools
 import math
 
+import accuracy_simulated
 import numpy as np
 import pytest
 from attitude_simulation import DEG, Flaws, measure, simulate, wobble
 from emulated_recording import record
+from navigation_runner import settings_of
 from navigation_simulation import Drive, drive, errors, received, sensed
+from replay_in_process import new_filter, replay, smoothed_solutions
 from scipy.spatial.transform import Rotation
 
 import imud
 from imud.commands import main
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.sample import POWER_ON, SAMPLE
 from imud.estimators import registry
+from imud.estimators.ins.state import EXACT_EPOCHS, STATES, TIME_OFFSET
 from imud.estimators.records import FIX, HEADING_VALID, MEASUREMENT, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
+from imud.math.kalman import packed_index
 from imud.pipeline import Filter
 from imud.smoothing.average import average, combined
 from imud.smoothing.reversal import reversed_fixes, reversed_measurements, reversed_samples
+from imud.smoothing.two_filter import WIDER, _backward_filter
 
 IMU_COLUMNS = ("gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
 DARK = (120.0, 160.0)  # s, without fixes
@@ -78,10 +86,11 @@ def _backward_view(rows):
 
 def test_fixes_and_measurements_are_turned_round():
     fixes = np.zeros(2, FIX)
-    fixes["t_ns"], fixes["arrival_ns"], fixes["course"] = (1_000_000_000, 2_000_000_000), 3_000_000_000, (0.5, 4.0)
+    fixes["t_ns"], fixes["arrival_ns"], fixes["course"] = (1_000_000_000, 2_000_000_000), 2_050_000_000, (0.5, 4.0)
     fixes["v"] = (1.0, 2.0, 3.0)
-    turned = reversed_fixes(fixes, 10_000_000_000, np.array([0.0, 0.25]))
-    assert turned["t_ns"].tolist() == [8_250_000_000, 9_000_000_000] == turned["arrival_ns"].tolist()
+    turned = reversed_fixes(fixes, 10_000_000_000, 0.25)
+    assert turned["t_ns"].tolist() == [8_250_000_000, 9_250_000_000]
+    assert turned["arrival_ns"].tolist() == [8_300_000_000, 9_450_000_000]  # as late as they were, but 0.2 s at most
     assert turned["course"] == pytest.approx([4.0 - math.pi, 0.5 + math.pi])
     assert turned["v"].tolist() == [[-1.0, -2.0, -3.0]] * 2
     sources = registry.by_name("navigation").sources
@@ -161,6 +170,35 @@ def test_an_outage_is_bridged_from_both_sides_with_true_sigmas(driven):
         assert aligned[600] == POSITION_VALID | HEADING_VALID  # at rest before the start, too: known from the end
     assert np.mean(ratios) < 0.5
     assert np.mean(normalised) < 2.0
+
+
+def test_what_is_unknown_of_the_time_offset_is_in_the_smoothed_sigmas():
+    """The backward filter took the delay that the forward one found as known, and stated 2 cm where 20 were missing."""
+    squares = []
+    for vehicle, seed in itertools.product(("plane", "motorway"), range(2)):
+        d, index = accuracy_simulated.way(vehicle, seed), list(accuracy_simulated.VEHICLES).index(vehicle)
+        rng = np.random.default_rng([seed, index])
+        samples, fixes = accuracy_simulated.sensed(d, rng, 0.05, 0.02), accuracy_simulated.received(d, rng, "RTK")
+        out = smoothed_solutions(new_filter("navigation", samples, settings_of()), samples, fixes)
+        late = d.t > accuracy_simulated.SETTLED_S
+        squares.append(np.mean((errors(d, out)[0] / out["sigma_p"])[late, :2] ** 2))
+    assert np.mean(squares) < 2.0
+
+
+@pytest.mark.parametrize(("late_s", "sigma_m", "is_exact"), [(0.0, 0.02, True), (0.1, 0.02, False), (0.0, 2.0, False)])
+def test_backward_an_epoch_is_as_well_known_as_forward(driven, late_s, sigma_m, is_exact):
+    rng = np.random.default_rng(7)
+    filter_ = new_filter("navigation", samples := sensed(driven, rng))
+    fixes = received(driven, rng, sigma=0.5 * sigma_m, white=0.5 * sigma_m, late=late_s)
+    fixes["sigma"] = sigma_m
+    out, _ = replay(filter_, samples, fixes)
+    backward = _backward_filter(filter_, out[-1]).parameters[0]["tuning"]
+    core, forward = filter_.state["core"][0, 0], filter_.parameters[0]["tuning"]
+    variance = core["cov"]["P"][interpreted(packed_index)(STATES, TIME_OFFSET, TIME_OFFSET)]
+    sigma = WIDER * math.sqrt(variance + core["time_evidence"]["missing_variance"])
+    for name in ("reported_epoch_sigma", "survey_epoch_sigma", "time_offset_sigma"):
+        assert backward[name] == pytest.approx(min(sigma, forward[name]))
+    assert (core["integrity"]["epochs"] == EXACT_EPOCHS) == is_exact == (backward["epoch_mistake_s"] > 0.001)
 
 
 def test_a_start_in_motion_is_known_from_what_follows():

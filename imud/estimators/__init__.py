@@ -46,9 +46,9 @@ class Estimator:
     checkpoint: Callable[[Records], Records] | None = None  # (state) -> record, with which
     resume: Callable[[Records, Records], None] | None = None  # (state, record) goes on, before the first sample
 
-    # Smoothing: (solution, factor) -> tunables, by name, with which a filter begins at that solution, its sigmas times
-    # `factor`, and takes epochs as known; None: it cannot run backward in time
-    backward_tuning: Callable[[Any, float], dict[str, float]] | None = None
+    # Smoothing: (parameters, state, solution, factor) -> tunables, by name, with which a filter begins at the last
+    # solution of a run that ended in this state, its sigmas times `factor`; None: it cannot run backward in time
+    backward_tuning: Callable[[Any, Records, Any, float], dict[str, float]] | None = None
 
     # What the state says, for outputs and reports
     fix_delay_s: Callable[[Records], float] | None = None  # by how much fixes are older than their epochs, s

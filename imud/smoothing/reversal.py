@@ -24,6 +24,7 @@ from ..math.arrays import Floats, Records
 from ..math.earth import EARTH_RATE_RADPS
 
 BLOCK = 65536  # rows
+MAX_LATE_NS = 200_000_000  # velocities older than positions are newer backward: the filter needs the samples around
 
 
 def matrices(q: Floats) -> Floats:
@@ -66,13 +67,16 @@ def reversed_samples(samples: Records, solutions: Records, of_interval: bool) ->
         yield rows
 
 
-def reversed_fixes(fixes: Records, end_ns: int, delays_s: Floats) -> Records:
-    """Fixes (FIX) in reverse order, known at once. delays_s: by how much each is older than its epoch says."""
-    rows = fixes.copy()
-    rows["t_ns"] = end_ns - rows["t_ns"] + np.round(1e9 * delays_s).astype(np.int64)
+def reversed_fixes(fixes: Records, end_ns: int, delay_s: float) -> Records:
+    """Fixes (FIX) in reverse order, as late as they were, but at most MAX_LATE_NS. delay_s: by which they are older
+    than their epochs say.
+    """
+    rows, late = fixes.copy(), np.minimum(fixes["arrival_ns"] - fixes["t_ns"], MAX_LATE_NS)
+    rows["t_ns"] = end_ns - rows["t_ns"] + round(1e9 * delay_s)
     rows["v"] = -rows["v"]
     rows["course"] = np.mod(rows["course"] + math.pi, 2.0 * math.pi)
-    return _known_at_once(rows)
+    rows["arrival_ns"] = rows["t_ns"] + late
+    return _in_order(rows)
 
 
 def reversed_measurements(measurements: Records, sources: Sequence[AidingSource], end_ns: int) -> Records:
@@ -81,10 +85,10 @@ def reversed_measurements(measurements: Records, sources: Sequence[AidingSource]
     rows["t_ns"] = end_ns - rows["t_ns"]
     for source in sources:
         rows["value"][rows["kind"] == source.kind] *= source.reversed_sign
-    return _known_at_once(rows)
-
-
-def _known_at_once(rows: Any) -> Records:
     rows["arrival_ns"] = rows["t_ns"]
-    ordered: Records = rows[np.argsort(rows["t_ns"], kind="stable")]
+    return _in_order(rows)
+
+
+def _in_order(rows: Any) -> Records:
+    ordered: Records = rows[np.argsort(rows["arrival_ns"], kind="stable")]
     return ordered

@@ -46,14 +46,11 @@ class Forward:
             raise UsageError(f"the estimator {filter_.estimator.name} cannot be smoothed; attitude and navigation can")
         self.filter = filter_
         self._solutions = Rows(SOLUTION)
-        self._delays: list[tuple[int, float]] = [(0, 0.0)]
         self._ages: list[tuple[int, Floats]] = []
 
     def take(self, solutions: Records) -> None:
         """The solutions of the next samples."""
         self._solutions.append(solutions)
-        if len(solutions) and (delay := self.filter.estimator.fix_delay_s) is not None:
-            self._delays.append((int(solutions["t_ns"][-1]), delay(self.filter.state)))
         if len(solutions) and (ages := self.filter.estimator.source_ages_s) is not None:
             self._ages.append((int(solutions["t_ns"][-1]), ages(self.filter.state).copy()))
 
@@ -61,10 +58,10 @@ class Forward:
         """All of them."""
         return self._solutions.array()
 
-    def delays_s(self, fixes: Records) -> Any:
-        """By how much each of the fixes is older than its epoch says, as the filter found."""
-        times, delays = zip(*self._delays[1:] or self._delays, strict=True)
-        return np.interp(fixes["t_ns"], times, delays)
+    def delay_s(self) -> float:
+        """By how much fixes are older than their epochs say, as the filter found from all of them."""
+        delay = self.filter.estimator.fix_delay_s
+        return 0.0 if delay is None else delay(self.filter.state)
 
     def at_their_ages(self, measurements: Records) -> Records:
         """Measurements with the epochs that the filter took them for."""
@@ -99,7 +96,7 @@ def smooth(
         turned.append(block)
     filter_ = _backward_filter(forward.filter, solutions[-1])
     aiding = reversed_measurements(forward.at_their_ages(measurements), filter_.estimator.sources, end_ns)
-    play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delays_s(fixes)), past.append, aiding=aiding)
+    play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delay_s()), past.append, aiding=aiding)
     backward = past.array()[::-1]
     for start in range(0, len(solutions), BLOCK):
         part = slice(start, start + BLOCK)
@@ -183,8 +180,9 @@ def _backward_filter(forward: Filter, last: Any) -> Filter:
     """
     estimator, settings = forward.estimator, forward.settings
     assert estimator.backward_tuning is not None
+    known = estimator.backward_tuning(forward.parameters[0], forward.state, last, WIDER)
     table = getattr(settings, estimator.table)
-    tuning = table.tuning | _within_range(estimator.tunables, estimator.backward_tuning(last, WIDER))
+    tuning = table.tuning | _within_range(estimator.tunables, known)
     settings = msgspec.structs.replace(
         settings,
         imu=msgspec.structs.replace(settings.imu, mount_rpy_deg=(0.0, 0.0, 0.0)),

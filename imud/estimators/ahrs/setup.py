@@ -97,7 +97,7 @@ def _covariance(parameters: Records, gravity_known: bool) -> NDArray[np.float64]
     return P
 
 
-def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
+def backward_tuning(_parameters: np.void, _state: Records, solution: np.void, factor: float) -> dict[str, float]:
     """See `Estimator`: of a SOLUTION."""
     return {"initial_angle_sigma_rad": factor * float(np.max(solution["sigma_rpy"][:2]))}
 

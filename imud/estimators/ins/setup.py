@@ -17,6 +17,7 @@ from .state import (
     ATTITUDE,
     BARO_OFFSET,
     COARSE_ALIGNMENT,
+    EXACT_EPOCHS,
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
@@ -34,7 +35,6 @@ from .state import (
     VELOCITY_TIME_OFFSET,
 )
 
-KNOWN_EPOCH_S = 0.005  # sigma of epochs that a run over all data has corrected
 TUNABLES = (
     Tunable(
         "first_tilt_sigma",
@@ -172,16 +172,24 @@ def _set_given(s: Records, sigmas: Floats, initial: Initial, t: np.void) -> None
             sigmas[VELOCITY + i] = t["initial_velocity_sigma"]
 
 
-def backward_tuning(solution: np.void, factor: float) -> dict[str, float]:
-    """See `Estimator`: of a SOLUTION. The forward run has found by how much the fixes are late."""
-    return {
+def _variance(core: np.void, i: int) -> float:
+    """Of one error state."""
+    return float(core["cov"]["P"][interpreted(packed_index)(STATES, i, i)])
+
+
+def backward_tuning(parameters: np.void, state: Records, solution: np.void, factor: float) -> dict[str, float]:
+    """See `Estimator`. Of a survey's epochs, those are exact backward that were so forward."""
+    c, tuning = state["core"][0, 0], parameters["tuning"]
+    late = factor * math.sqrt(_variance(c, TIME_OFFSET) + float(c["time_evidence"]["missing_variance"]))
+    of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma")
+    known = {name: min(late, float(tuning[name])) for name in of_epochs}
+    if c["integrity"]["epochs"] != EXACT_EPOCHS:
+        known["epoch_mistake_s"] = 0.0
+    return known | {
         "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
         "initial_heading_sigma": factor * float(solution["sigma_rpy"][2]),
         "initial_position_sigma": factor * float(np.max(solution["sigma_p"])),
         "initial_velocity_sigma": factor * float(np.max(solution["sigma_v"])),
-        "time_offset_sigma": KNOWN_EPOCH_S,
-        "reported_epoch_sigma": KNOWN_EPOCH_S,
-        "survey_epoch_sigma": KNOWN_EPOCH_S,
     }
 
 
@@ -209,8 +217,7 @@ def variances(state: Records) -> tuple[float, float, float, float] | None:
     if c["alignment"]["mode"] != NAVIGATING:
         return None
     north, east, down, v_north, v_east, heading = (
-        float(c["cov"]["P"][interpreted(packed_index)(STATES, i, i)])
-        for i in (*range(POSITION, POSITION + 3), VELOCITY, VELOCITY + 1, ATTITUDE + 2)
+        _variance(c, i) for i in (*range(POSITION, POSITION + 3), VELOCITY, VELOCITY + 1, ATTITUDE + 2)
     )
     return north + east, down, v_north + v_east, heading
 

@@ -6,6 +6,7 @@ receiver confirms the rest, the velocity is then reset to zero.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
@@ -14,7 +15,7 @@ from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS
 from ...records import REST_N, REST_X
 from ...tuning import Tunable
-from ..ekf import decorrelate, set_jacobian
+from ..ekf import decorrelate, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement
 from ..glr_tests.gnss_drift import clear_velocity_sensitivity
 from ..mechanization import ned_to_body, set_velocity
@@ -84,7 +85,8 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2 + s.turn_rate_var
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
-        if abs(z) > max_rest_rate(p, c, i):  # only a confirmed rest is detected with such a rate
+        # only a confirmed rest is detected with such a rate; a window's mean may have it by noise, too
+        if abs(z) > max(max_rest_rate(p, c, i), p.tuning.limit_sigmas * math.sqrt(variance(c, GYRO_BIAS + i) + r)):
             decorrelate(c, GYRO_BIAS + i, z * z)
             contradicted = True
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)

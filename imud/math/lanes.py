@@ -86,6 +86,16 @@ def measure(S: Tensor, n: int, columns: Indices, values: Floats, m: int, d: Tens
         add_product(d, n, d, columns[k], values[k])
 
 
+@unrolled
+def subtract_scaled(S: Tensor, to: int, row: Floats, a: float) -> None:
+    """Row `to` loses `a` times a row of all lanes."""
+    w, x, y, z = row[0] * a, row[1] * a, row[2] * a, row[3] * a
+    S[to, 0] -= w
+    S[to, 1] -= x
+    S[to, 2] -= y
+    S[to, 3] -= z
+
+
 @kernel
 def subtract_update(S: Tensor, n: int, gain: Tensor, d: Tensor, v: Floats) -> None:
     """S -= gain d' + d gain' - v gain gain', of all lanes: Joseph's form without noise, where d = S h and v = h S h'.

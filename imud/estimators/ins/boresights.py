@@ -30,6 +30,7 @@ import numpy as np
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.lanes import subtract_scaled
 from ...math.rotation import Quaternion, Vector, quat_exp, quat_product, quat_renormalised, quat_rotate_back
 from ..tuning import Tunable
 from .ekf import add_variance
@@ -368,8 +369,8 @@ def update_boresights(c: Core, z: float, s: float) -> None:
         return
     e, gain, M = c.scratch.boresight_e, c.scratch.boresight_gain, c.cov.boresight_covariance
     for i in range(STATES):
-        for j in range(BORESIGHTS):
-            c.cov.boresight[i, j] -= gain[j] * c.scratch.d[i]
+        if c.scratch.d[i] != 0.0:
+            subtract_scaled(c.cov.boresight, i, gain, c.scratch.d[i])
     for j in range(BORESIGHTS):
         variance = M[j, j]
         for k in range(BORESIGHTS):

@@ -7,7 +7,7 @@ Source: as `kalman`.
 """
 
 from ..compile.jit import kernel, unrolled, written_out
-from .arrays import Floats, Indices, Tensor
+from .arrays import Floats, Indices, Reals, Tensor
 from .kalman import packed_index
 
 LANES = 4
@@ -84,6 +84,16 @@ def measure(S: Tensor, n: int, columns: Indices, values: Floats, m: int, d: Tens
             at += n - 1 - i if i < columns[k] else 1
     for k in range(m):
         add_product(d, n, d, columns[k], values[k])
+
+
+@unrolled
+def subtract_scaled(S: Tensor, to: int, row: Reals, a: float) -> None:
+    """Row `to` loses `a` times a row of all lanes."""
+    w, x, y, z = row[0] * a, row[1] * a, row[2] * a, row[3] * a
+    S[to, 0] -= w
+    S[to, 1] -= x
+    S[to, 2] -= y
+    S[to, 3] -= z
 
 
 @kernel

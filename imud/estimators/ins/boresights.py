@@ -25,9 +25,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.lanes import subtract_scaled
 from ...math.rotation import Quaternion, Vector, quat_exp, quat_product, quat_renormalised, quat_rotate_back
 from ..tuning import Tunable
 from .ekf import add_variance
@@ -44,6 +47,7 @@ from .state import (
 )
 
 if TYPE_CHECKING:
+    from ...math.arrays import Reals
     from .types import Core, Parameters, Transition
 
 TUNABLES = (
@@ -94,12 +98,15 @@ TUNABLES = (
 
 
 @kernel
-def boresight_count(c: Core) -> int:
-    """How many boresights are estimated, or are in front of one that is."""
-    M = c.cov.boresight_covariance
-    if M[VELOCITY_BORESIGHT, VELOCITY_BORESIGHT] > 0.0:
-        return BORESIGHTS
-    return 1 if M[HEADING_BORESIGHT, HEADING_BORESIGHT] > 0.0 else 0
+def is_estimated(c: Core, j: int) -> bool:
+    """Whether boresight j is; all that belongs to one that is not is 0."""
+    return bool(c.cov.boresight_covariance[j, j] > 0.0)
+
+
+@kernel
+def any_boresight(c: Core) -> bool:
+    """Whether any is estimated. Then all are computed: beside each other, four cost as much as one."""
+    return is_estimated(c, HEADING_BORESIGHT) or is_estimated(c, VELOCITY_BORESIGHT)
 
 
 @kernel
@@ -202,7 +209,7 @@ def sensor_axes(c: Core) -> Quaternion:
 def begin_velocity_boresight(p: Parameters, c: Core) -> None:
     """A velocity in the sensor's own axes comes: how it is turned is estimated from now on."""
     M = c.cov.boresight_covariance
-    if M[VELOCITY_BORESIGHT, VELOCITY_BORESIGHT] > 0.0:
+    if is_estimated(c, VELOCITY_BORESIGHT):
         return
     for i in range(4):
         c.nav.velocity_mount[i] = p.velocity_mount[i]
@@ -267,12 +274,11 @@ def turn_velocity_mount(c: Core, x: float, y: float, z: float) -> None:
 @kernel
 def propagate_boresights(p: Parameters, c: Core, transition: Transition) -> None:
     """C and M over the interval of a transition."""
-    n = boresight_count(c)
-    if n == 0 or c.alignment.mode != NAVIGATING:
+    if c.alignment.mode != NAVIGATING or not any_boresight(c):
         return
-    apply_transition(c.cov.boresight, n, transition)
-    for j in range(n):
-        if c.cov.boresight_covariance[j, j] > 0.0:
+    apply_transition(c.cov.boresight, BORESIGHTS, transition)
+    for j in range(BORESIGHTS):
+        if is_estimated(c, j):
             psd = p.tuning.heading_boresight_psd if j == HEADING_BORESIGHT else p.tuning.velocity_boresight_psd
             c.cov.boresight_covariance[j, j] += psd * transition.interval
 
@@ -284,16 +290,27 @@ def has_boresight(axis: int) -> bool:
 
 
 @kernel
+def covariances_with_boresights(c: Core, length: int, factor: float, measured: bool, e: Reals) -> None:
+    """e <- factor C' h, and M B if it is measured; the Jacobian has `length` elements, B is in scratch."""
+    for j in range(BORESIGHTS):
+        e[j] = 0.0
+    for k in range(length):
+        for j in range(BORESIGHTS):
+            e[j] += factor * c.scratch.values[k] * c.cov.boresight[c.scratch.columns[k], j]
+    if measured:
+        for j in range(BORESIGHTS):
+            for k in range(BORESIGHTS):
+                e[j] += c.cov.boresight_covariance[j, k] * c.scratch.boresight_row[k]
+
+
+@kernel
 def boresight_part(c: Core, length: int) -> float:
     """2 B' C' h + B' M B: what boresights add to h P h'; the Jacobian has `length` elements, B is in scratch."""
-    part, row = 0.0, c.scratch.boresight_row
-    for j in range(boresight_count(c)):
-        e = 0.0
-        for k in range(length):
-            e += 2.0 * c.scratch.values[k] * c.cov.boresight[c.scratch.columns[k], j]
-        for k in range(boresight_count(c)):
-            e += c.cov.boresight_covariance[j, k] * row[k]
-        part += row[j] * e
+    part = 0.0
+    e = np.empty(BORESIGHTS)
+    covariances_with_boresights(c, length, 2.0, True, e)
+    for j in range(BORESIGHTS):
+        part += c.scratch.boresight_row[j] * e[j]
     return float(part)
 
 
@@ -302,67 +319,62 @@ def add_boresights(c: Core, length: int, axis: int) -> float:
     """Add C B to P h in scratch.d; returns what boresights add to the variance of the innovation."""
     if not has_boresight(axis):
         return 0.0
-    for j in range(boresight_count(c)):
-        b = c.scratch.boresight_row[j]
-        for i in range(STATES):
-            c.scratch.d[i] += b * c.cov.boresight[i, j]
+    for i in range(STATES):
+        for j in range(BORESIGHTS):
+            c.scratch.d[i] += c.scratch.boresight_row[j] * c.cov.boresight[i, j]
     return boresight_part(c, length)
 
 
 @kernel
-def covariance_with_boresights(c: Core, length: int, axis: int) -> None:
-    """scratch.boresight_e <- e; axis: see `fusion.fuse`, the Jacobian has `length` elements."""
-    n = boresight_count(c)
-    measured = has_boresight(axis)
-    for j in range(n):
-        e = 0.0
-        for k in range(length):
-            e += c.scratch.values[k] * c.cov.boresight[c.scratch.columns[k], j]
-        if measured:
-            for k in range(n):
-                e += c.cov.boresight_covariance[j, k] * c.scratch.boresight_row[k]
-        c.scratch.boresight_e[j] = e
+def compute_boresight_gain(c: Core, length: int, s: float, axis: int) -> None:
+    """scratch.boresight_e <- e, scratch.boresight_gain <- e / s; s, axis: see `fusion.fuse`."""
+    if any_boresight(c):
+        covariances_with_boresights(c, length, 1.0, has_boresight(axis), c.scratch.boresight_e)
+        for j in range(BORESIGHTS):
+            c.scratch.boresight_gain[j] = c.scratch.boresight_e[j] / s
 
 
 @kernel
-def correct_boresights(c: Core, n: int, a: float) -> None:
-    """Correct the first n of b by a times scratch.boresight_e."""
+def correct_boresights(c: Core, a: float) -> None:
+    """Correct b by a times scratch.boresight_e."""
     e = c.scratch.boresight_e
     c.heading_aid.boresight += a * e[HEADING_BORESIGHT]
-    if n == BORESIGHTS:
+    if is_estimated(c, VELOCITY_BORESIGHT):
         turn_velocity_mount(c, a * e[VELOCITY_BORESIGHT], a * e[VELOCITY_BORESIGHT + 1], a * e[VELOCITY_BORESIGHT + 2])
 
 
 @kernel
 def remove_drift_from_boresights(c: Core, column: int, d: tuple[float, float], nn: float, ne: float, ee: float) -> None:
     """What `fault_sensitivity.remove_drift` does to the error states, of the boresights: b, C and M."""
-    n, v, w = boresight_count(c), c.faults.sensitivity, c.faults.boresight_sensitivity
-    if n == 0:
-        return
-    for j in range(n):
+    v, w, e = c.faults.sensitivity, c.faults.boresight_sensitivity, c.scratch.boresight_e
+    for j in range(BORESIGHTS):
+        e[j] = 0.0
+        if not is_estimated(c, j):
+            continue
         a = nn * w[j, column] + ne * w[j, column + 1]
         b = ne * w[j, column] + ee * w[j, column + 1]
         for i in range(STATES):
             c.cov.boresight[i, j] += a * v[i, column] + b * v[i, column + 1]
-        for k in range(n):
-            c.cov.boresight_covariance[j, k] += a * w[k, column] + b * w[k, column + 1]
-        c.scratch.boresight_e[j] = -(w[j, column] * d[0] + w[j, column + 1] * d[1])
-    correct_boresights(c, n, 1.0)
+        for k in range(BORESIGHTS):
+            if is_estimated(c, k):
+                c.cov.boresight_covariance[j, k] += a * w[k, column] + b * w[k, column + 1]
+        e[j] = -(w[j, column] * d[0] + w[j, column + 1] * d[1])
+    correct_boresights(c, 1.0)
 
 
 @kernel
 def update_boresights(c: Core, z: float, s: float) -> None:
-    """b, C and M by an innovation z of variance s; d and e are in scratch."""
-    n, e, M = boresight_count(c), c.scratch.boresight_e, c.cov.boresight_covariance
-    if n == 0:
+    """b, C and M by an innovation z of variance s; d, e and e / s are in scratch."""
+    if not any_boresight(c):
         return
-    for j in range(n):
-        gain = e[j] / s
-        for i in range(STATES):
-            c.cov.boresight[i, j] -= gain * c.scratch.d[i]
+    e, gain, M = c.scratch.boresight_e, c.scratch.boresight_gain, c.cov.boresight_covariance
+    for i in range(STATES):
+        if c.scratch.d[i] != 0.0:
+            subtract_scaled(c.cov.boresight, i, gain, c.scratch.d[i])
+    for j in range(BORESIGHTS):
         variance = M[j, j]
-        for k in range(n):
-            M[j, k] -= gain * e[k]
+        for k in range(BORESIGHTS):
+            M[j, k] -= gain[j] * e[k]
         if variance > 0.0:
             M[j, j] = max(M[j, j], 1e-12)
-    correct_boresights(c, n, z / s)
+    correct_boresights(c, z / s)

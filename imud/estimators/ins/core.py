@@ -219,6 +219,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("transition", TRANSITION),
         ("boresight_row", "<f8", (BORESIGHTS,)),  # B, of the boresights
         ("boresight_e", "<f8", (BORESIGHTS,)),  # their covariances with the innovation
+        ("boresight_gain", "<f8", (BORESIGHTS,)),  # these over its variance
         ("fault_innovation", "<f8", (FAULTS,)),  # mean of the innovation per unit of each fault
         ("learning_columns", "<i8", (JACOBIAN_LENGTH,)),  # of the nine states that learn process noise: h
         ("learning_values", "<f8", (JACOBIAN_LENGTH,)),

@@ -138,7 +138,10 @@ def set_jacobian(c: Core, length: int, column: int, value: float) -> int:
 
 @kernel
 def set_jacobian3(c: Core, length: int, column: int, row: Vector) -> int:
-    """Append the elements of three error states from `column` on to the Jacobian; returns length + 3."""
+    """Append the elements of three error states from `column` on to the Jacobian, unless all are 0, as those of a lever
+    arm of 0; returns its length."""
+    if row[0] == 0.0 and row[1] == 0.0 and row[2] == 0.0:
+        return length
     length = set_jacobian(c, length, column, row[0])
     length = set_jacobian(c, length, column + 1, row[1])
     return set_jacobian(c, length, column + 2, row[2])

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
-from .boresights import add_boresights, covariance_with_boresights, propagate_boresights, update_boresights
+from .boresights import add_boresights, compute_boresight_gain, propagate_boresights, update_boresights
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
 from .glr_tests.compass_offset import add_to_compass_offset
@@ -69,11 +69,11 @@ def fuse(c: Core, length: int, z: float, s: float, axis: int) -> None:
     axis: what is measured, for the GLR tests: POSITION_AXIS or one of the other codes of `state`.
     """
     compute_gain(c, s)
-    covariance_with_boresights(c, length, axis)
+    compute_boresight_gain(c, length, s, axis)
     add_to_drift(c, z, s, axis)
     if axis == CONSTRAINT_AXIS:
         add_to_current(c, z, s, 1.0)
-    update_sensitivities(c, s)
+    update_sensitivities(c)
     update_boresights(c, z, s)
     update_learning(c, length, z, s)
     apply_gain(c, z)

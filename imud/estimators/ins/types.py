@@ -527,6 +527,7 @@ class Scratch:
     transition: Transition
     boresight_row: Reals
     boresight_e: Reals
+    boresight_gain: Reals
     fault_innovation: Reals
     learning_columns: Indices
     learning_values: Floats

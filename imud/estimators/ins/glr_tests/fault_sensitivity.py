@@ -29,7 +29,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel, unrolled
-from ..boresights import boresight_count, has_boresight, remove_drift_from_boresights
+from ..boresights import any_boresight, has_boresight, remove_drift_from_boresights
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
 from ..state import (
@@ -154,7 +154,9 @@ def predict_from_errors(c: Core, length: int, columns: int) -> None:
 @kernel
 def predict_from_boresights(c: Core) -> None:
     """-B V, what the errors of the boresights do to an innovation."""
-    for j in range(boresight_count(c)):
+    if not any_boresight(c):
+        return
+    for j in range(BORESIGHTS):
         for k in range(columns_in_use(c)):
             change = c.scratch.boresight_row[j] * c.faults.boresight_sensitivity[j, k]
             c.scratch.fault_innovation[k] -= change
@@ -170,12 +172,8 @@ def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float
 
 
 @kernel
-def update_sensitivities(c: Core, s: float) -> None:
-    """V <- V + K (b - h V) before the scalar update that follows, of variance s, whose gain is in scratch."""
-    for j in range(boresight_count(c)):
-        gain = c.scratch.boresight_e[j] / s
-        for k in range(columns_in_use(c)):
-            c.faults.boresight_sensitivity[j, k] += gain * c.scratch.fault_innovation[k]
+def update_sensitivities(c: Core) -> None:
+    """V <- V + K (b - h V) before the scalar update that follows, whose gains are in scratch."""
     if all_in_use(c):
         follow_update(c, FAULTS)
     elif c.nhc.enabled:
@@ -190,6 +188,10 @@ def follow_update(c: Core, columns: int) -> None:
     for i in range(STATES):
         for j in range(columns):
             c.faults.sensitivity[i, j] += c.scratch.gain[i] * c.scratch.fault_innovation[j]
+    if any_boresight(c):
+        for i in range(BORESIGHTS):
+            for j in range(columns):
+                c.faults.boresight_sensitivity[i, j] += c.scratch.boresight_gain[i] * c.scratch.fault_innovation[j]
 
 
 @kernel

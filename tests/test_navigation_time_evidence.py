@@ -16,12 +16,13 @@ from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
 from imud.estimators.ins.time_evidence import measure_time_evidence
 from imud.math.kalman import packed_index
 
-measure_time_evidence, packed_index = in_c(bound_time_information), interpreted(packed_index)
+measure_time_evidence, packed_index = in_c(measure_time_evidence), interpreted(packed_index)
 DT, PSD, PRIOR_S = 0.01, 0.02, 0.07
+GAINED = 25.0  # 1/s^2, information that P gains in each window of half a second
 
 
-def stated(accel, sigma_s=1e-3):
-    """(jerk2, missing variance) after accelerations (n, 3), where the filter states sigma_s at the end of them."""
+def error_variance(accel, gained=GAINED):
+    """Variance of the error of the time offset after accelerations (n, 3); P gains so much in each window."""
     p = configure(Settings(), 100.0)[0]
     c = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
     c["alignment"]["mode"] = NAVIGATING
@@ -29,25 +30,45 @@ def stated(accel, sigma_s=1e-3):
     at, transition = packed_index(STATES, TIME_OFFSET, TIME_OFFSET), np.zeros(1, TRANSITION)[0]
     transition["interval"], transition["velocity_psd"] = DT, PSD
     for k, a in enumerate(accel):
-        c["cov"]["P"][at] = PRIOR_S**2 if k == 0 else sigma_s**2
+        c["cov"]["P"][at] = 1.0 / (1.0 / PRIOR_S**2 + gained * (k // 50))
         transition["delta_v"] = a * DT
         measure_time_evidence(p, c, transition)
-    return float(c["time_evidence"]["jerk2"]), float(c["time_evidence"]["missing_variance"])
+    missing = float(c["time_evidence"]["missing_variance"])
+    return missing + float(c["cov"]["P"][at])
 
 
-def test_changes_of_the_acceleration_are_the_information():
-    """a = (sin, cos, 0) of 0.5 rad/s turns with |a'| = 0.5 m/s^3; means over a second see sin(x) / x of it."""
-    t = DT * np.arange(40000)
-    jerk2, missing = stated(np.column_stack([np.sin(0.5 * t), np.cos(0.5 * t), 0.0 * t]))
-    seen = (2.0 * np.sin(0.25)) ** 2 * np.sinc(0.25 / np.pi) ** 2  # squared difference of two means
-    assert jerk2 == pytest.approx(400.0 * (seen - 6.0 * PSD), rel=0.02)
-    assert missing == pytest.approx(1.0 / (1.0 / PRIOR_S**2 + jerk2 / PSD) - 1e-6, rel=1e-6)
+def turning(seconds, rate=0.5):
+    """Accelerations of 0.5 m/s^2 that turn by so many rad/s, and the information that half a second of them shows."""
+    t = DT * np.arange(round(seconds / DT))
+    seen = (2.0 * np.sin(0.25 * rate)) ** 2 * np.sinc(0.25 * rate / np.pi) ** 2  # squared difference of two means
+    accel = 0.5 * np.column_stack([np.sin(rate * t), np.cos(rate * t), 0.0 * t])
+    return accel, (0.25 * seen - 12.0 * PSD) / (0.5 * PSD)
+
+
+def test_what_the_acceleration_shows_is_the_variance_of_the_filter():
+    """Changes of the acceleration without its noise, which show more than P gains."""
+    accel, shown = turning(60.0, 5.0)
+    assert shown > GAINED
+    assert error_variance(accel) == pytest.approx(1.0 / (1.0 / PRIOR_S**2 + GAINED * 119), rel=0.05)
+
+
+def test_the_variance_is_that_of_a_filter_which_takes_noise_for_information():
+    """2000 scalar filters: of the information that each expects of a measurement, only a share is of the offset."""
+    accel, shown = turning(60.0, 3.0)
+    assert 0.2 * GAINED < shown < 0.8 * GAINED
+    rng, information = np.random.default_rng(2), 1.0 / PRIOR_S**2
+    error = PRIOR_S * rng.standard_normal(2000)
+    for _ in range(119):
+        information += GAINED
+        of_offset = np.sqrt(shown) * error + rng.standard_normal(2000)
+        of_noise = rng.standard_normal(2000)  # a filter with this innovation corrects an error that is not there
+        error = error - (np.sqrt(shown) * of_offset + np.sqrt(GAINED - shown) * of_noise) / information
+    assert error_variance(accel) == pytest.approx(np.mean(error**2), rel=0.1)
 
 
 def test_noise_is_no_information():
     noise = np.random.default_rng(1).standard_normal((40000, 3)) * np.sqrt(PSD / DT)
-    _, missing = stated(noise)
-    assert missing > (0.3 * PRIOR_S) ** 2
+    assert 0.5 * PRIOR_S < np.sqrt(error_variance(noise)) < 1.5 * PRIOR_S
 
 
 def normalised(vehicle, seed):
@@ -64,7 +85,7 @@ def normalised(vehicle, seed):
 def test_centimetres_in_a_flight_that_vibrates_are_not_wrong_and_sure():
     """They were up to four metres off, with a mean square of 53, as the noise passed for changes of the motion."""
     runs = [normalised("helicopter", seed) for seed in range(3)]
-    assert np.mean([np.mean(squares**2) for squares, _ in runs]) < 5.0
+    assert np.mean([np.mean(squares**2) for squares, _ in runs]) < 2.5
     assert max(np.abs(away).max() for _, away in runs) < 1.5
 
 

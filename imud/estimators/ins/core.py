@@ -166,6 +166,7 @@ TIME_EVIDENCE = np.dtype(  # what changes of the acceleration show of the time o
         ("accel_noise", "<f8"),  # m^2/s^4, variance of each component of it; 0: there was none
         ("information", "<f8"),  # 1/s^2, about the time offset, by P at the end of the window before
         ("error_variance", "<f8"),  # s^2, of the time offset then; more than that of P
+        ("shown", "<f8"),  # 1/s^2, information that a window has shown; below 0: what those that follow make up for
         ("missing_variance", "<f8"),  # s^2, by which P states less now
     ],
     align=True,

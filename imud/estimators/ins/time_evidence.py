@@ -10,10 +10,10 @@ d grows by
 and no filter can know d better. A Kalman filter states more: its Jacobian has estimated velocities and accelerations,
 whose noise it takes for changes. With positions of centimetres, on a vehicle that shakes its sensor, that is an error
 of metres at a sigma of centimetres. Here a' is that of the means of the measured acceleration in windows one after the
-other, less what their noise alone would be, which may make |a'|^2 negative.
+other, less what their noise alone would be; where that is more, the windows that follow make up for it.
 
 Of the information dI that P gains in a window, dR is shown by a', and the rest is noise that looks like information.
-Then the estimate is corrected for its error e by the share dR / I only, while both add the noise that P expects of them:
+Then the error of the estimate shrinks by the share dR / I only, while both add the noise that P expects of them:
 
     S <- (1 - dR / I)^2 S + dI / I^2
 
@@ -53,13 +53,14 @@ def compare_accelerations(c: Core, known: float, psd: float) -> None:
         change2 += (accel - g.accel[i]) ** 2
         g.accel[i] = accel
         g.velocity_change[i] = 0.0
-    gained = known - g.information
+    if g.accel_noise > 0.0:
+        g.shown = max(g.shown + (change2 - 3.0 * (g.accel_noise + noise)) / (g.duration * psd), -known)
+    gained, shown = known - g.information, max(g.shown, 0.0)
     if gained > 0.0:
-        shown = (change2 - 3.0 * (g.accel_noise + noise)) / (g.duration * psd) if g.accel_noise > 0.0 else 0.0
-        g.error_variance *= (1.0 - min(max(shown, -gained), gained) / known) ** 2
-        g.error_variance += gained / known**2
+        g.error_variance = (1.0 - min(shown, gained) / known) ** 2 * g.error_variance + gained / known**2
     else:
         g.error_variance += 1.0 / known - 1.0 / g.information
+    g.shown -= shown
     g.information, g.accel_noise = known, noise
     g.velocity_variance = g.duration = 0.0
 
@@ -69,7 +70,7 @@ def measure_time_evidence(p: Parameters, c: Core, transition: Transition) -> Non
     """After an interval of the covariance: the time offset's variance by what the acceleration has shown until then."""
     g, known = c.time_evidence, 1.0 / max(variance(c, TIME_OFFSET), 1e-12)
     if g.information == 0.0 or c.alignment.mode == COARSE_ALIGNMENT:
-        g.information, g.error_variance = known, 1.0 / known
+        g.information, g.error_variance, g.shown = known, 1.0 / known, 0.0
     for i in range(3):
         g.velocity_change[i] += transition.delta_v[i]
     g.velocity_variance += transition.velocity_psd * transition.interval

@@ -158,6 +158,7 @@ class TimeEvidence:
     accel_noise: float
     information: float
     error_variance: float
+    shown: float
     missing_variance: float
 
 

@@ -140,13 +140,13 @@ def judge_rest_gap(p: Parameters, c: Core) -> None:
     The second window of low motion decides, unless a fix shows motion: the velocity is not known well enough yet to
     detect a rest.
     """
-    g, quiet = c.rest_gap, c.stationarity.low_motion_count
-    if quiet == 0:
+    g, low_motion_count = c.rest_gap, c.stationarity.low_motion_count
+    if low_motion_count == 0:
         g.place2 = 0.0  # the next fix shows the motion since, too
     if g.turn2 == 0.0:
         return
     g.window_count += 1
-    if quiet > 1 and not moves(p, c):
+    if low_motion_count > 1 and not moves(p, c):
         moved = g.turn2 * moved_likelihood(p, c)
         add_turn(c, _ANY_HEADING2 * moved / (moved + _ANY_HEADING2 - g.turn2))
     elif g.window_count >= p.tuning.moved_windows:

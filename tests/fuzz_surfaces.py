@@ -4,11 +4,16 @@ What a user or peer did wrong is reported by an ImudError or CaptureError, or an
 """
 
 import contextlib
+import ctypes
+import functools
 import json
 import math
 import os
+import shutil
 import struct
+import subprocess
 import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +27,7 @@ import msgspec
 from pyrtcm import calc_crc24q
 
 from imud import client
+from imud.commands import reference
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.capture_messages import READS, Connection, Raw, Reads
 from imud.drivers.registry import by_name
@@ -132,15 +138,45 @@ def gnss_csv(data: bytes) -> None:
 
 
 def shared(data: bytes) -> None:
+    """As it is, and as of a daemon that runs: both clients read the same, or nothing."""
+    _read_shared(data)
+    life = struct.pack("<qQ16s", time.monotonic_ns(), 1, client.boot_id())
+    if len(data) == client.SHARED_SIZE:
+        _read_shared(data[: -len(life)] + life)
+
+
+def _read_shared(data: bytes) -> None:
+    found: list[client.State | None] = []
+
     def read(path: Path) -> None:
         usual, client._WRITE_NS = client._WRITE_NS, 2_000_000  # no writer is at work here, for which one would wait
         try:
             with contextlib.suppress(client.ProtocolError):
-                client.latest(path)
+                found.append(client.latest(path))
         finally:
             client._WRITE_NS = usual
 
     _file(data, ".state", read)
+    if (reader := c_reader()) is not None and len(data) == client.SHARED_SIZE:
+        state = ctypes.create_string_buffer(client.RECORD.size)
+        if reader(ctypes.create_string_buffer(data, len(data)), state):
+            assert state.raw == data[8 : 8 + client.RECORD.size]
+        else:
+            assert not found or found[0] is None
+
+
+@functools.cache
+def c_reader() -> Callable[..., int] | None:
+    """imud_read() of the C header; None: there is no compiler. Where a number overflows it aborts."""
+    if shutil.which("cc") is None:
+        return None
+    with tempfile.TemporaryDirectory() as name:
+        source, library = Path(name) / "reader.c", Path(name) / "reader.so"
+        call = "int get(void *shared, struct imud_state *state) { return imud_read(shared, state); }"
+        source.write_text(f"{reference.c_header()}\n{call}\n")
+        subprocess.run(["cc", "-std=c11", "-ftrapv", "-shared", "-fPIC", source, "-o", library], check=True)
+        reader: Callable[..., int] = ctypes.CDLL(str(library)).get
+        return reader
 
 
 def stream(data: bytes) -> None:
@@ -204,6 +240,8 @@ _DOUBLES = (
 _RTCM = b"\xd3\0\2\x3e\xd0" + calc_crc24q(b"\xd3\0\2\x3e\xd0").to_bytes(3, "big")
 _FEW = 40  # of those that take milliseconds
 _PORT = (b":", b"@", b"gpsd://", b"iio:", b"spi:", b"replay:", b"[", b"]", b"99999999999")
+_RECORD = client.MAGIC + b"\1\0" + bytes(client.RECORD.size - 6)
+_SHARED = b"\2" + bytes(7) + _RECORD + _RECORD[:8]
 SURFACES = {
     "gpsd": Surface(
         gpsd,
@@ -236,8 +274,10 @@ SURFACES = {
     "gnss-csv": Surface(
         gnss_csv, (b"t_s,lat_deg,lon_deg,height_m\n0.5,48.0,11.0,500\n",), (b",", b"\n", b"nan", b"1e999", b'"')
     ),
-    "shared": Surface(shared, (bytes(client.SHARED_SIZE), b"\2" + bytes(7) + b"IMUD" + bytes(client.SHARED_SIZE - 12))),
-    "stream": Surface(stream, (client.MAGIC + b"\1\0" + bytes(client.RECORD.size - 6),)),
+    "shared": Surface(
+        shared, (bytes(client.SHARED_SIZE), *(_SHARED + client.LIVENESS.pack(t, 1, b"") for t in (0, -1 << 63)))
+    ),
+    "stream": Surface(stream, (_RECORD,)),
     "web": Surface(
         web, (b"127.0.0.1:8080\nhttp://127.0.0.1:8080", b"[::1]\nnull"), (b"[", b"]", b"@", b"#", b"http://", b":")
     ),

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from golden_data import HEADED, RATE, between, data, navigated, random, road, stop_and_go
+from golden_data import HEADED, RATE, between, data, moved, navigated, random, road, stop_and_go
 from golden_run import golden
 from navigation_simulation import received, sensed
 from scipy.spatial.transform import Rotation
@@ -72,6 +72,20 @@ def reconnected():
     samples["w"][after], samples["f"][after] = turn.apply(samples["w"][after]), turn.apply(samples["f"][after])
     away = between(samples, 50.0, 58.0) | between(samples, 87.0, 92.0) | between(samples, 122.0, 128.0)
     return navigated(samples[~away], fixes, vehicle="land")
+
+
+@golden("navigation")
+def rest_gaps():
+    """At stops: left alone; switched off; driving off meanwhile; elsewhere afterwards; turned and tilted."""
+    samples, fixes = data(stop_and_go(), seed=91)
+    another_sensor(samples, 112.0)
+    for end in (70.0, 163.0, 191.0, 229.0):
+        samples["flags"][np.flatnonzero(between(samples, end, 1e9))[0]] |= RECONNECTED
+    turn, after = Rotation.from_euler("ZX", (-60.0, 1.0), degrees=True), between(samples, 229.0, 1e9)
+    samples["w"][after], samples["f"][after] = turn.apply(samples["w"][after]), turn.apply(samples["f"][after])
+    away = between(samples, 64.0, 70.0) | between(samples, 104.0, 112.0) | between(samples, 150.0, 163.0)
+    away |= between(samples, 188.0, 191.0) | between(samples, 225.0, 229.0)
+    return navigated(samples[~away], moved(fixes, 190.5, 1e9, 40.0))
 
 
 @golden("navigation")

@@ -43,6 +43,7 @@ NOT_NOTICED = {
     "navigation.odometer_return": BETWEEN + "distance at which a faulty odometer returns",
     "navigation.odometer_max_inflation_s": BETWEEN + "time for which an odometer is rejected",
     "navigation.odometer_repetitions": BETWEEN + "longest repetition of a coarse reading",
+    "navigation.elsewhere_gate": BETWEEN + "distance of the fixes from where a body was",
     "navigation.power_on_force_sigma": BETWEEN + "tilt of a sensor that is mounted anew",
     "navigation.power_on_tilt_gate": BETWEEN + "tilt of a sensor that is mounted anew",
     "navigation.stationary_accel": BETWEEN + "vibration on which a decision hangs",

@@ -41,6 +41,7 @@ INS = {
     "MotionClass": core.MOTION_CLASS,
     "Stationarity": core.STATIONARITY,
     "BiasChanges": core.BIAS_CHANGES,
+    "RestGap": core.REST_GAP,
     "GravityMonitor": integrity.GRAVITY_MONITOR,
     "TimeEvidence": core.TIME_EVIDENCE,
     "Nhc": aiding.NHC,

@@ -2,12 +2,15 @@
 
 A container (systemd-nspawn) boots a bare Debian, which debootstrap makes once. There `imud install-service` installs
 the service for an emulated sensor, and the script tries what docs/service.md promises: start, status, reload, the
-watchdog, restart after a crash, errors of configuration, stop, the rating of the sandbox. Exit 3 if this machine can
+watchdog, restart after a crash, what is known soon after each restart, errors of configuration, stop, the rating of
+the sandbox. Exit 3 if this machine can
 have no such container.
 """
 
 import argparse
 import contextlib
+import json
+import math
 import os
 import shutil
 import signal
@@ -20,9 +23,11 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
 PACKAGES = "systemd,systemd-sysv,dbus,python3,libpython3.11-stdlib"
-UNIT, IMPOSSIBLE = "imud@front.service", 3
+UNIT, FILE, IMPOSSIBLE = "imud@front.service", "/etc/imud/front.toml", 3
+SENSORS = "/run/sensor/imu", "/run/sensor/gnss"
 EXPOSURE_MAX = 1.2
 START_S, WATCHDOG_S = 120.0, 30.0
+LASTED_S = 1.0  # so long after it became valid the log says so (`imud/daemon/change_logger.py`)
 PROGRAM = "#!/opt/imud/bin/python\nimport sys\nfrom imud.__main__ import main\nsys.exit(main())\n"
 
 
@@ -61,6 +66,14 @@ class Machine:
 
     def journal(self) -> str:
         return self.run("journalctl", "-u", UNIT, "-o", "cat", "--no-pager")
+
+    def since_ready_s(self, message: str) -> float:
+        """When the present run logged a message; NaN: it has not."""
+        run = f"_SYSTEMD_INVOCATION_ID={self.property('InvocationID')}"
+        lines = self.run("journalctl", run, "-o", "json", "--no-pager", check=False).splitlines()
+        times_us = [int(row["__MONOTONIC_TIMESTAMP"]) for row in map(json.loads, lines) if message in row["MESSAGE"]]
+        ready_us = int(self.property("ActiveEnterTimestampMonotonic"))
+        return 1e-6 * (times_us[0] - ready_us) if times_us else math.nan
 
     def until(self, what: str, holds: Callable[[], bool], seconds: float = START_S) -> None:
         """Wait. Raises AssertionError with the journal."""
@@ -118,20 +131,38 @@ def _started(container: subprocess.Popen, console: Path) -> Machine:
 
 
 def install(machine: Machine) -> None:
-    """The service, for an emulated sensor."""
-    sensor = "/run/sensor/imu"
+    """The service, for an emulated sensor and receiver."""
+    sensor, receiver = SENSORS
     machine.run("mkdir", "/run/sensor")
     machine.run(
-        "systemd-run", "-q", "--unit=sensor", "/opt/imud/bin/imud", "sim", "g350", "--patient", "--link", sensor
+        *("systemd-run", "-q", "--unit=sensor", "/opt/imud/bin/imud", "sim", "g350", "nmea", "--patient"),
+        *("--yaw-deg", "40", "--link", sensor, "--link", receiver),
     )
-    machine.until("the sensor is emulated", lambda: machine.run("ls", "/run/sensor").strip() == "imu")
-    machine.run("sh", "-c", f"chmod 666 $(readlink -f {sensor})")
-    print(machine.run("/opt/imud/bin/imud", "install-service", "front", "--port", sensor, "--yes"))
+    machine.until("the sensors are emulated", lambda: machine.run("ls", "/run/sensor").split() == ["gnss", "imu"])
+    machine.run("sh", "-c", f"chmod 666 $(readlink -f {sensor} {receiver})")
+    ports = (item for path in SENSORS for item in ("--port", path))
+    print(machine.run("/opt/imud/bin/imud", "install-service", "front", *ports, "--yes"))
+    machine.run("sed", "-i", '1i initial = "yaw_deg=40"', FILE)
+    machine.run("systemctl", "restart", UNIT)
 
 
 def streams(machine: Machine) -> bool:
     """The daemon says that the sensor does."""
     return '"streaming": true' in machine.run("/opt/imud/bin/imud", "status", "--json", check=False)
+
+
+def try_restarts(machine: Machine) -> None:
+    """A heading that only the first run was told is known again. Raises AssertionError."""
+    machine.until("the heading is valid", lambda: machine.since_ready_s("heading is valid") > 0.0)
+    machine.run("sed", "-i", "/^initial/d", FILE)
+    for command in (("restart",), ("kill", "-s", "KILL")):
+        time.sleep(7.0)  # the state is written every few seconds
+        before = machine.property("MainPID")
+        machine.run("systemctl", *command, UNIT)
+        machine.until("another run", lambda before=before: machine.property("MainPID") not in ("0", before))
+        machine.until("the heading is valid", lambda: machine.since_ready_s("heading is valid") > 0.0)
+        heading, tilt = (machine.since_ready_s(f"{what} valid") - LASTED_S for what in ("heading is", "pitch are"))
+        print(f"ok: after systemctl {' '.join(command)} attitude {tilt:.2f} s and heading {heading:.2f} s after READY")
 
 
 def try_service(machine: Machine) -> None:
@@ -143,7 +174,7 @@ def try_service(machine: Machine) -> None:
     assert machine.property("CPUWeight") == "1000"
     first = machine.property("MainPID")
 
-    machine.run("sed", "-i", r"s/^#* *rate_hz = 10.0.*/rate_hz = 5.0/", "/etc/imud/front.toml")
+    machine.run("sed", "-i", r"s/^#* *rate_hz = 10.0.*/rate_hz = 5.0/", FILE)
     machine.run("systemctl", "reload", UNIT)
     machine.until("reload reads the configuration again", lambda: "read the configuration again" in machine.journal())
     assert machine.property("MainPID") == first
@@ -151,19 +182,19 @@ def try_service(machine: Machine) -> None:
     time.sleep(7.0)  # the state is written every few seconds
     machine.run("sh", "-c", f"kill -STOP {first}")
     machine.until("a daemon that hangs is killed by the watchdog", lambda: "atchdog" in machine.journal(), WATCHDOG_S)
-    machine.until("and started again", lambda: machine.property("NRestarts") == "1" and streams(machine))
+    machine.until("and started again", lambda: machine.property("NRestarts") == "2" and streams(machine))
     second = machine.property("MainPID")
     assert second != first
 
     machine.run("sh", "-c", f"kill -KILL {second}")
-    machine.until("one that crashes, too", lambda: machine.property("NRestarts") == "2" and streams(machine))
+    machine.until("one that crashes, too", lambda: machine.property("NRestarts") == "3" and streams(machine))
 
     begin_s = time.monotonic()
     machine.run("systemctl", "stop", UNIT)
     assert (machine.property("Result"), machine.property("ExecMainStatus")) == ("success", "0"), machine.journal()
     print(f"ok: stop, after {time.monotonic() - begin_s:.1f} s")
 
-    machine.run("sh", "-c", "echo 'ports = 1' > /etc/imud/front.toml")
+    machine.run("sh", "-c", f"echo 'ports = 1' > {FILE}")
     machine.run("systemctl", "start", UNIT, check=False)
     machine.until("an error in the configuration is the end", lambda: machine.property("ActiveState") == "failed")
     assert machine.property("ExecMainStatus") == "78"
@@ -187,6 +218,7 @@ def main() -> int:
         make_root(root)
         with booted(root) as machine:
             install(machine)
+            try_restarts(machine)
             try_service(machine)
     except ImpossibleError as error:
         print(f"no container here: {error}")

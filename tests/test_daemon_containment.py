@@ -1,10 +1,12 @@
 """The daemon's devices: a defect in a driver ends the connection on that port only, which is tried again."""
 
 import contextlib
+from types import SimpleNamespace
 
 from imud.configuration.settings import Settings
 from imud.daemon.devices import Devices
 from imud.daemon.fast_loop import FastLoop
+from imud.daemon.loop import Daemon
 from imud.process.contained import ContainedErrors
 from imud.recording.control import Recordings
 
@@ -28,3 +30,23 @@ def test_a_defect_on_one_port_does_not_affect_the_other(tmp_path):
         bad.on_event = broken
         assert devices.on_event(77, 0) == (0, [])
         assert errors.count == 2
+
+
+class BrokenAiding(dict):
+    """Holds its descriptors."""
+
+    measurements = broken
+
+
+def test_a_defect_at_one_fix_or_measurement_ends_that_one():
+    """Also of a fix whose epoch silence has ended."""
+    daemon = Daemon(Settings(ports=("/dev/imu",)))
+    with contextlib.closing(daemon._fast_loop):
+        daemon._publisher = SimpleNamespace(**dict.fromkeys(("on_fixes", "known_sources", "tick"), broken))
+        daemon._devices._descriptors._ports[77] = daemon._devices.ports[0]
+        daemon._wakeup, daemon._aiding = -1, BrokenAiding({78: None})
+        daemon._dispatch(77, 0, 0)
+        daemon._dispatch(78, 0, 0)
+        daemon._use_ended_epoch(0)
+        assert daemon._errors.count == 3, daemon._errors.last
+        assert daemon._errors.last.startswith("the use of a fix")

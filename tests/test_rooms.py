@@ -95,7 +95,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/bias_changes.py", "imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),
     ("imud/estimators/ins/aiding",),
     ("imud/estimators/ins/alignment",),
-    ("imud/estimators/ins/integrity", "imud/estimators/ins/power_on.py"),
+    ("imud/estimators/ins/integrity", "imud/estimators/ins/rest_gap.py", "imud/estimators/ins/power_on.py"),
     ("imud/estimators/ins/propagation.py", "imud/estimators/ins/damaged_readings.py"),
     ("imud/estimators/ins/imu_sample.py",),
     ("imud/estimators/ins/fusion_horizon.py",),

@@ -202,8 +202,8 @@ static inline int imud_alive(const volatile struct imud_shared *shared)
     struct timespec now;
     uint8_t boot_id[16];
     clock_gettime(CLOCK_MONOTONIC, &now);
-    int64_t age_ns = (int64_t)now.tv_sec * 1000000000 + now.tv_nsec - shared->heartbeat_ns;
-    return age_ns < IMUD_STALE_NS && age_ns > -IMUD_STALE_NS && imud_boot_id(boot_id)
+    int64_t now_ns = (int64_t)now.tv_sec * 1000000000 + now.tv_nsec, heartbeat_ns = shared->heartbeat_ns;
+    return heartbeat_ns > now_ns - IMUD_STALE_NS && heartbeat_ns < now_ns + IMUD_STALE_NS && imud_boot_id(boot_id)
         && memcmp(boot_id, (const void *)shared->boot_id, 16) == 0;
 }}
 

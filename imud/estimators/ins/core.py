@@ -157,6 +157,19 @@ STATIONARITY = np.dtype(
     align=True,
 )
 
+REST_GAP = np.dtype(  # a gap that began at rest
+    [
+        ("turn2", "<f8"),  # rad^2, variance of a turn in it, until that is judged; 0: there is none
+        ("window_count", "<i8"),  # since
+        ("force", "<f8", (3,)),  # m/s^2, body, mean specific force before
+        ("force2", "<f8"),  # m^2/s^4, variance of its change in each axis, if the body was not moved
+        ("lat", "<f8"),  # rad, where the body was
+        ("lon", "<f8"),
+        ("place2", "<f8"),  # m^2, variance of that, of both axes together; 0: it was compared, or is not known
+    ],
+    align=True,
+)
+
 TIME_EVIDENCE = np.dtype(  # what changes of the acceleration show of the time offset
     [
         ("velocity_change", "<f8", (3,)),  # m/s, NED, by specific force, in the window
@@ -253,6 +266,7 @@ REWOUND = [  # what a rewind restores
     ("cov", COVARIANCE),
     ("stationarity", STATIONARITY),
     ("bias_changes", BIAS_CHANGES),
+    ("rest_gap", REST_GAP),
     ("gravity_monitor", GRAVITY_MONITOR),
     ("nhc", NHC),
     ("land_evidence", LAND_EVIDENCE),

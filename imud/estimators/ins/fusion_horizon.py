@@ -132,7 +132,7 @@ def store_snapshot(s: State) -> None:
     k.nhc, k.gnss, k.integrity, k.drift, k.alignment = c.nhc, c.gnss, c.integrity, c.drift, c.alignment
     k.land_evidence, k.time_evidence = c.land_evidence, c.time_evidence
     k.process_noise, k.gravity_monitor, k.barometer = c.process_noise, c.gravity_monitor, c.barometer
-    k.bias_changes = c.bias_changes
+    k.bias_changes, k.rest_gap = c.bias_changes, c.rest_gap
     k.heading_aid, k.odometer, k.wheel_check = c.heading_aid, c.odometer, c.wheel_check
     k.pose, k.external_velocity, k.magnetometer = c.pose, c.external_velocity, c.magnetometer
     k.time_offset_step, k.gyro_bias_step = c.time_offset_step, c.gyro_bias_step
@@ -156,7 +156,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.nhc, c.gnss, c.integrity, c.drift, c.alignment = k.nhc, k.gnss, k.integrity, k.drift, k.alignment
     c.land_evidence, c.time_evidence = k.land_evidence, k.time_evidence
     c.process_noise, c.gravity_monitor, c.barometer = k.process_noise, k.gravity_monitor, k.barometer
-    c.bias_changes = k.bias_changes
+    c.bias_changes, c.rest_gap = k.bias_changes, k.rest_gap
     c.heading_aid, c.odometer, c.wheel_check = k.heading_aid, k.odometer, k.wheel_check
     c.pose, c.external_velocity, c.magnetometer = k.pose, k.external_velocity, k.magnetometer
     c.time_offset_step, c.gyro_bias_step = k.time_offset_step, k.gyro_bias_step

@@ -53,6 +53,7 @@ from .glr_tests.velocity_drift import detect_velocity_drift, explained_by_veloci
 from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
+from .rest_gap import compare_place
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def fuse_and_align(
     """Align with the fix while the heading is not known, and fuse its position and velocity; returns the rows."""
     set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     head_along_course(p, c, fix)
+    compare_place(p, c, fix)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
         change_mode(p, c, HEADING_LOST)
     if c.alignment.mode == NAVIGATING and not math.isfinite(c.gnss.speed):

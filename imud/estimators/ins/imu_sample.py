@@ -27,6 +27,7 @@ from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reset_biases
 from .propagation import count_sample, propagate_to
 from .rest import detect_rest
+from .rest_gap import judge_rest_gap, keep_place
 from .state import COARSE_ALIGNMENT, NAVIGATING, RATES
 from .stationarity import accumulate_window, classify_window, clear_window
 
@@ -51,6 +52,7 @@ def end_window(p: Parameters, c: Core) -> None:
     add_bias_changes(p, c)
     monitor_gravity(p, c)
     at_rest = detect_rest(p, c)
+    judge_rest_gap(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
     if at_rest and fuse_rest(p, c):
@@ -74,11 +76,14 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     if incomplete:
         substitute_missing(p, c, sample)
     accumulate_window(c, sample.w, sample.f)
+    reconnected = sample.flags & (POWER_ON | RECONNECTED) != 0 and gap_s > p.tuning.max_gyro_outage_s
+    if reconnected:
+        keep_place(c)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
     if sample.flags & POWER_ON:  # the biases of the time before are those of the gap
         reset_biases(p, c)
-    if sample.flags & (POWER_ON | RECONNECTED) and gap_s > p.tuning.max_gyro_outage_s:
-        check_attitude(p, c, gap_s)
+    if reconnected:
+        check_attitude(p, c, gap_s, sample.flags & POWER_ON != 0)
     inflate_covariance(p, c, sample, dt)
     if incomplete:
         clear_window(c)

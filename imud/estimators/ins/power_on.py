@@ -4,7 +4,8 @@ A bias changes from one switch-on to the next by the repeatability in the data s
 sigma. A sensor that was not connected may have been moved: after a longer gap its attitude is kept only if the first
 specific force is vertical, within the tilt that a vehicle's acceleration causes. No sensor measures a rotation
 about the vertical meanwhile: the heading's sigma grows with the length of the gap, and with it that of the forward axis
-of a land vehicle, whose course is as it was. The heading's has this part until motion has confirmed it.
+of a land vehicle, whose course is as it was. The heading's has this part until motion has confirmed it. Of a body that
+was at rest before the gap, what it shows at rest afterwards decides (see `rest_gap`).
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, decorrelate, variance
-from .glr_tests.compass_offset import state_turn
 from .glr_tests.reset import reset_glr_tests
 from .glr_tests.velocity_drift import reset_confirmations
 from .mechanization import body_to_ned, clear_biases
+from .rest_gap import add_turn, begin_rest_gap, vertical_in_ned
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, MOUNT_YAW
 from .stationarity import clear_window, interrupt_rest
 
@@ -77,7 +78,7 @@ def reset_biases(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
+def check_attitude(p: Parameters, c: Core, gap_s: float, new_biases: bool) -> None:
     """Keep the attitude, with more variance, if the specific force is vertical in it; else restart the alignment.
 
     Under way the force may have as much of an acceleration as the vehicle has shown.
@@ -94,14 +95,14 @@ def check_attitude(p: Parameters, c: Core, gap_s: float) -> None:
     for i in range(3):
         add_variance(c, ATTITUDE + i, tilt2 * force2 / (force2 + accelerated2))
     turned2 = (p.tuning.reconnect_turn_rate * gap_s) ** 2
-    if c.nhc.enabled and not c.stationarity.at_rest:
+    if c.stationarity.at_rest:
+        begin_rest_gap(p, c, turned2, new_biases)
+        return
+    if c.nhc.enabled:
         turned2 = min(turned2, p.tuning.max_reconnect_turn**2)
         add_variance(c, MOUNT_YAW, turned2)
-    state_turn(c, turned2)
-    m = c.stationarity.mean_down
-    axis = body_to_ned(c, (m[0], m[1], m[2]))
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, ATTITUDE + i, ATTITUDE + k, turned2 * axis[i] * axis[k])
-        if c.nhc.enabled and not c.stationarity.at_rest:
+    add_turn(c, turned2)
+    if c.nhc.enabled:
+        axis = vertical_in_ned(c)
+        for i in range(3):
             add_covariance(c, ATTITUDE + i, MOUNT_YAW, -turned2 * axis[i])

@@ -189,7 +189,8 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         + c.gyro_bias_step.heading_variance
         + c.velocity_drift.heading_variance
         + c.compass_offset.heading_variance
-        + c.current.heading_variance,
+        + c.current.heading_variance
+        + c.rest_gap.turn2,
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

@@ -49,6 +49,11 @@ class Tuning:
     reconnect_turn_rate: float
     max_reconnect_turn: float
     power_on_tilt_gate: float
+    moved_tilt: float
+    unmoved_tilt: float
+    level_places: float
+    moved_windows: int
+    elsewhere_gate: float
     rest_window_s: float
     max_gyro_ratio: float
     low_motion_accel: float

@@ -141,6 +141,16 @@ class BiasChanges:
     earlier_force: Reals
 
 
+class RestGap:
+    turn2: float
+    window_count: int
+    force: Reals
+    force2: float
+    lat: float
+    lon: float
+    place2: float
+
+
 class GravityMonitor:
     time: float
     angle: Reals
@@ -559,6 +569,7 @@ class Snapshot:
     cov: Covariance
     stationarity: Stationarity
     bias_changes: BiasChanges
+    rest_gap: RestGap
     gravity_monitor: GravityMonitor
     nhc: Nhc
     land_evidence: LandEvidence
@@ -591,6 +602,7 @@ class Core:
     cov: Covariance
     stationarity: Stationarity
     bias_changes: BiasChanges
+    rest_gap: RestGap
     gravity_monitor: GravityMonitor
     nhc: Nhc
     land_evidence: LandEvidence

@@ -172,7 +172,7 @@ def find_compass_offset(p: Parameters, c: Core) -> float:
     turned = c.faults.sensitivity[ATTITUDE + 2, COMPASS_FAULT] * d
     g.heading_variance = turned * turned if chi2 > p.tuning.likely_compass_offset_chi2 else 0.0
     if g.unconfirmed:
-        g.heading_variance = max(g.heading_variance, g.turn_variance)
+        g.heading_variance = max(g.heading_variance, g.turn_variance - variance(c, ATTITUDE + 2))
     if chi2 > p.tuning.compass_offset_chi2 and abs(d) > p.tuning.min_compass_offset:
         return d
     settled = g.count >= p.tuning.confirming_fixes and g.energy < p.tuning.confirmed_residual * g.count

@@ -95,6 +95,18 @@ def test_scale_is_a_congruence(seed, n, a):
     close(kalman.unpack(p, n), E @ P @ E.T, P)
 
 
+@given(SEEDS, st.integers(3, 12), st.floats(-2.0, 2.0))
+def test_scale3_is_scale_three_times_to_the_last_bit(seed, n, a):
+    rng = np.random.default_rng(seed)
+    i = int(rng.integers(0, n - 2))
+    once = packed(random_covariance(rng, n))
+    thrice = once.copy()
+    kalman.scale3(once, n, i, a)
+    for k in range(3):
+        kalman.scale(thrice, n, i + k, a)
+    assert np.array_equal(once, thrice)
+
+
 @given(SEEDS, SIZES, st.floats(0.0, 1e6))
 def test_reset_makes_a_state_independent(seed, n, variance):
     rng = np.random.default_rng(seed)

@@ -136,6 +136,23 @@ def scale(P: Floats, n: int, i: int, a: float) -> None:
 
 
 @kernel
+def scale3(P: Floats, n: int, i: int, a: float) -> None:
+    """`scale` of the states i, i + 1 and i + 2, to the last bit, in fewer instructions."""
+    at = i  # of element (k, i), down the columns, then of the diagonal
+    for k in range(i):
+        P[np.uint64(at)] *= a
+        P[np.uint64(at + 1)] *= a
+        P[np.uint64(at + 2)] *= a
+        at += n - 1 - k
+    for k in range(3):
+        for j in range(3 - k):  # once more, as both states decay
+            P[np.uint64(at + j)] *= a
+        for j in range(n - i - k):
+            P[np.uint64(at + j)] *= a
+        at += n - i - k
+
+
+@kernel
 def reset(P: Floats, n: int, i: int, variance: float) -> None:
     """Make state i independent of the others, with `variance`."""
     for k in range(n):

@@ -7,7 +7,7 @@ Source: as `kalman`.
 """
 
 from ..compile.jit import kernel, unrolled, written_out
-from .arrays import Floats, Indices, Tensor
+from .arrays import Floats, Indices, Reals, Tensor
 from .kalman import packed_index
 
 LANES = 4
@@ -87,7 +87,7 @@ def measure(S: Tensor, n: int, columns: Indices, values: Floats, m: int, d: Tens
 
 
 @unrolled
-def subtract_scaled(S: Tensor, to: int, row: Floats, a: float) -> None:
+def subtract_scaled(S: Tensor, to: int, row: Reals, a: float) -> None:
     """Row `to` loses `a` times a row of all lanes."""
     w, x, y, z = row[0] * a, row[1] * a, row[2] * a, row[3] * a
     S[to, 0] -= w

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel, unrolled
 from ...math.earth import STANDARD_GRAVITY
-from ...math.kalman import scale, shear, shear33
+from ...math.kalman import scale3, shear, shear33
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .ekf import add_variance, decorrelate, exponential
@@ -263,13 +263,6 @@ def velocity_bias_sigma(p: Parameters, axis: int) -> float:
 
 
 @kernel
-def decay_bias(c: Core, i: int, decay: float, sigma: float) -> None:
-    """Covariance of a first-order Gauss-Markov error state of stationary `sigma`, over an interval of this decay."""
-    scale(c.cov.P, STATES, i, decay)
-    add_variance(c, i, sigma * sigma * (1.0 - decay * decay))
-
-
-@kernel
 def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None:
     """P <- transition P transition' + Q, and the decay of the nominal GNSS biases; transition: from `linearize`.
 
@@ -291,12 +284,17 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         p.gyro_bias_psd
         + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
     )
+    velocity_decay = transition.gnss_velocity_bias_decay
+    scale3(P, STATES, GNSS_BIAS, decay)
+    scale3(P, STATES, GNSS_VELOCITY_BIAS, velocity_decay)
     for i in range(3):
-        sigma = c.gnss.bias_sigma[HORIZONTAL] if i < 2 else c.gnss.bias_sigma[VERTICAL]
         c.nav.gnss_bias[i] *= decay
-        decay_bias(c, GNSS_BIAS + i, decay, sigma)
-        c.nav.gnss_velocity_bias[i] *= transition.gnss_velocity_bias_decay
-        decay_bias(c, GNSS_VELOCITY_BIAS + i, transition.gnss_velocity_bias_decay, velocity_bias_sigma(p, i))
+        c.nav.gnss_velocity_bias[i] *= velocity_decay
+        sigma, velocity_sigma = c.gnss.bias_sigma[HORIZONTAL if i < 2 else VERTICAL], velocity_bias_sigma(p, i)
+        add_variance(c, GNSS_BIAS + i, sigma * sigma * (1.0 - decay * decay))
+        add_variance(
+            c, GNSS_VELOCITY_BIAS + i, velocity_sigma * velocity_sigma * (1.0 - velocity_decay * velocity_decay)
+        )
         add_variance(c, VELOCITY + i, qv * dt)
         add_variance(c, ATTITUDE + i, qa * dt)
         add_variance(c, GYRO_BIAS + i, qb * dt)

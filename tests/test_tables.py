@@ -348,3 +348,19 @@ def test_estimates_are_written_in_the_columns_of_the_contract():
     blank = dict(zip(header.split(","), second.split(","), strict=True))
     assert [blank[name] for name in ("lat_deg", "height_m", "vd_mps", "sn_m", "svn_mps")] == [""] * 5
     assert float(blank["yaw_deg"]) == pytest.approx(120)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_row_that_follows_others_has_the_text_of_one_alone(seed):
+    rng = np.random.default_rng(seed)
+    rows = np.zeros(6, SOLUTION)
+    rows["status"] = rng.choice([0, POSITION_VALID], 6)  # without a position, cells of the row before are empty
+    for name in ("v", "q_nb", "sigma_p", "sigma_rpy", "bg", "ba", "sigma_ba"):
+        rows[name] = rng.choice([0.0, -0.0, 1.0, -1234.5, math.nan, math.inf, rng.normal()], rows[name].shape)
+
+    def text(part):
+        file = io.BytesIO()
+        estimate_tables.EstimateWriter(file, 0).write(part)
+        return file.getvalue().decode().splitlines()[1:]
+
+    assert text(rows) == [line for k in range(6) for line in text(rows[k : k + 1])]

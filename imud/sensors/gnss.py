@@ -3,6 +3,7 @@
 import functools
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -120,8 +121,8 @@ def position_sigma(fix: np.void) -> tuple[float, float, float]:
 
 @functools.cache
 def navigation_parameters() -> Any:
-    """The parameters of `navigation` with its own settings."""
+    """The parameters of `navigation` with its own settings: `tuning`, found once, as numpy takes 30 us to find it."""
     from ..configuration.settings import Settings
     from ..estimators.ins.parameters import configure
 
-    return configure(Settings(), 1.0).view(np.recarray)[0]
+    return SimpleNamespace(tuning=configure(Settings(), 1.0).view(np.recarray)[0].tuning)

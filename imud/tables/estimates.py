@@ -68,13 +68,26 @@ def _fill(cells: Floats, row: Any) -> None:
 @entry
 def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: NDArray[np.uint8]) -> int:
     cells = np.empty(_CELLS)
+    before = np.empty(_CELLS)  # the row before, and where the text of each of its cells is
+    begin = np.empty(_CELLS, np.int64)
+    length = np.empty(_CELLS, np.int64)
+    for i in range(_CELLS):
+        before[i] = math.nan
     at = 0
     for k in range(len(solutions)):
         at = write_seconds(buffer, at, origin * 1_000_000_000 + solutions[k].t_ns)
         _fill(cells, solutions[k])
         for i in range(_CELLS):
             buffer[at] = _COMMA
-            at = write_fixed(buffer, at + 1, cells[i], decimals[i])
+            at += 1
+            if cells[i] == before[i]:  # as sigmas and biases mostly
+                for j in range(MAX_WIDTH):  # of this length it is fast; what is too much is overwritten
+                    buffer[at + j] = buffer[begin[i] + j]
+                end = at + length[i]
+            else:
+                end = write_fixed(buffer, at, cells[i], decimals[i])
+            before[i], begin[i], length[i] = cells[i], at, end - at
+            at = end
         buffer[at] = _NEWLINE
         at += 1
     return at

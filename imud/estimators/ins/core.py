@@ -180,6 +180,7 @@ TIME_EVIDENCE = np.dtype(  # what changes of the acceleration show of the time o
         ("information", "<f8"),  # 1/s^2, about the time offset, by P at the end of the window before
         ("error_variance", "<f8"),  # s^2, of the time offset then; more than that of P
         ("shown", "<f8"),  # 1/s^2, information that a window has shown; below 0: what those that follow make up for
+        ("largest_variance", "<f8"),  # s^2, error_variance at its largest since the alignment
         ("missing_variance", "<f8"),  # s^2, by which P states less now
     ],
     align=True,
@@ -199,7 +200,6 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
         ("first_log_psd", "<f8", (2,)),  # when navigation began; infinite once the noise is known
-        ("first_time_variance", "<f8"),  # s^2, of the time offset then
         # covariance of the filter of nine states, and its derivatives by the logarithms, packed; one lane is empty
         ("covariances", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2, LANES)),
         # derivatives of the estimate by the logarithms

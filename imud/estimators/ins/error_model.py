@@ -32,7 +32,7 @@ from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import scale3, shear, shear33
 from ...math.rotation import Vector
 from ..tuning import Tunable
-from .ekf import add_covariance, add_variance, decorrelate, exponential
+from .ekf import add_variance, decorrelate, exponential
 from .mechanization import rotate_attitude, rotation_matrix
 from .noise_density import accelerometer_psd, attitude_psd, velocity_psd
 from .state import (
@@ -138,20 +138,6 @@ TUNABLES = (
     ),
     Tunable("gyro_scale_psd", 5e-5**2, "1/s", "Random walk of gyro_scale, with temperature.", "0.3 % in an hour."),
 )
-
-
-@kernel
-def open_time_offset(c: Core, s2: float) -> None:
-    """Add s2 (s^2) to the variance of the time offset, and to that of the position along the track.
-
-    The position follows the fixes: an error of the time offset has moved it by the velocity times that.
-    """
-    v = c.nav.v_n
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])
-        add_covariance(c, POSITION + i, TIME_OFFSET, s2 * v[i])
-    add_covariance(c, TIME_OFFSET, TIME_OFFSET, s2)
 
 
 @kernel

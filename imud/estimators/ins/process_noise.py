@@ -43,9 +43,9 @@ from ...math.earth import STANDARD_GRAVITY
 from ...math.kalman import packed_index
 from ...math.lanes import measure, shear, shear3, subtract_update
 from ..tuning import Tunable
-from .ekf import add_variance, covariance, exponential, variance
-from .error_model import open_time_offset
+from .ekf import add_variance, covariance, exponential
 from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
+from .time_evidence import forget_time_evidence
 
 if TYPE_CHECKING:
     from ...math.arrays import Floats, Reals
@@ -154,7 +154,6 @@ def clear_learning(c: Core) -> None:
     g, at = c.process_noise, 0
     for k in range(2):
         g.first_log_psd[k] = g.log_psd[k]
-    g.first_time_variance = variance(c, TIME_OFFSET)
     g.estimate_sensitivity[:] = 0.0
     g.covariances[:] = 0.0
     for i in range(LEARNING_STATES):
@@ -289,7 +288,8 @@ def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
             add_variance(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
             add_variance(c, ATTITUDE + i, tilt * tilt)
         if c.integrity.epochs == REPORTED_EPOCHS:
-            open_time_offset(c, c.process_noise.first_time_variance)
+            add_variance(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
+        forget_time_evidence(c)
     if was_too_small(p, c, 1):
         for i in range(3):
             add_variance(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)

@@ -60,9 +60,17 @@ def compare_accelerations(c: Core, known: float, psd: float) -> None:
         g.error_variance = (1.0 - min(shown, gained) / known) ** 2 * g.error_variance + gained / known**2
     else:
         g.error_variance += 1.0 / known - 1.0 / g.information
+        g.largest_variance = max(g.largest_variance, g.error_variance)
     g.shown -= shown
     g.information, g.accel_noise = known, noise
     g.velocity_variance = g.duration = 0.0
+
+
+@kernel
+def forget_time_evidence(c: Core) -> None:
+    """The noise is known to be larger than it was taken to be: the variance is that of the beginning again."""
+    g = c.time_evidence
+    g.error_variance = max(g.error_variance, g.largest_variance)
 
 
 @kernel
@@ -70,7 +78,7 @@ def measure_time_evidence(p: Parameters, c: Core, transition: Transition) -> Non
     """After an interval of the covariance: the time offset's variance by what the acceleration has shown until then."""
     g, known = c.time_evidence, 1.0 / max(variance(c, TIME_OFFSET), 1e-12)
     if g.information == 0.0 or c.alignment.mode == COARSE_ALIGNMENT:
-        g.information, g.error_variance, g.shown = known, 1.0 / known, 0.0
+        g.information, g.error_variance, g.largest_variance, g.shown = known, 1.0 / known, 1.0 / known, 0.0
     for i in range(3):
         g.velocity_change[i] += transition.delta_v[i]
     g.velocity_variance += transition.velocity_psd * transition.interval

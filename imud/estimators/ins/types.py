@@ -169,6 +169,7 @@ class TimeEvidence:
     information: float
     error_variance: float
     shown: float
+    largest_variance: float
     missing_variance: float
 
 
@@ -258,7 +259,6 @@ class ProcessNoise:
     log_psd: Reals
     log_psd_covariance: Reals
     first_log_psd: Reals
-    first_time_variance: float
     covariances: Tensor
     estimate_sensitivity: Tensor
 

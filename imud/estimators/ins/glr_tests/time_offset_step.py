@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..error_model import open_time_offset
-from ..state import NEVER_NS, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
+from ..ekf import add_covariance
+from ..state import NEVER_NS, POSITION, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
 from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
@@ -123,8 +123,13 @@ def explained_by_time_offset_step(c: Core) -> float:
 @kernel
 def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
     """Gather the step d, s, in scratch.x, and add its variance, of sigma s, to P; see the file's head."""
+    v, s2 = c.nav.v_n, sigma * sigma
     remove_fault(c, TIME_STEP_FAULT, d, sigma)
-    open_time_offset(c, sigma * sigma)
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])
+        add_covariance(c, POSITION + i, TIME_OFFSET, s2 * v[i])
+    add_covariance(c, TIME_OFFSET, TIME_OFFSET, s2)
 
 
 @kernel

@@ -10,6 +10,8 @@ from navigation_simulation import errors
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.core import TRANSITION
+from imud.estimators.ins.fusion_horizon import fit_acceleration
+from imud.estimators.ins.noise_density import velocity_psd
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
@@ -69,6 +71,22 @@ def test_the_variance_is_that_of_a_filter_which_takes_noise_for_information():
 def test_noise_is_no_information():
     noise = np.random.default_rng(1).standard_normal((40000, 3)) * np.sqrt(PSD / DT)
     assert 0.5 * PRIOR_S < np.sqrt(error_variance(noise)) < 1.5 * PRIOR_S
+
+
+@pytest.mark.parametrize("slope", [0.4, 2.0])
+def test_a_slope_within_its_noise_shows_no_time_offset(slope):
+    """Of velocities over 1.6 s; the mean square of its noise is 3 PSD / 1.6 s, twice of which count for nothing."""
+    p = configure(Settings(), 100.0)[0]
+    s = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))[0]
+    c, snapshots = s["core"][0], s["snapshots"]
+    c["alignment"]["mode"] = snapshots["alignment"]["mode"] = NAVIGATING
+    c["process_noise"]["psd"][0], c["gnss"]["reported_sigma"][0] = 3.0 * PSD, 0.015
+    c["nav"]["t_ns"], snapshots["nav"]["t_ns"][:40] = 2_000_000_000, 50_000_000 * np.arange(40)
+    c["nav"]["v_n"][1], snapshots["nav"]["v_n"][:40, 1] = 2.0 * slope, 0.05 * slope * np.arange(40)
+    in_c(fit_acceleration)(p, s, 40, 0.0)
+    noise = 3.0 * in_c(velocity_psd)(p, c) / 1.6
+    assert c["scratch"]["accel_fit"][1] == pytest.approx(slope * max(0.0, 1.0 - 2.0 * noise / slope**2), rel=1e-6)
+    assert (c["scratch"]["accel_fit"][1] == 0.0) == (slope < 1.0)
 
 
 def normalised(vehicle, seed):

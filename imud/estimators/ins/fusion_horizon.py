@@ -235,7 +235,8 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     offset that is certain (errors in variables). Where possible the velocity of the fix is in the middle of the line:
     noise before it changes the slope and the velocity's error in the same sense, noise after it in the opposite one.
     Positions of centimetres have corrected the velocity of the noise before it; where no wheels do so besides, the line
-    ends at the fix, and may be longer.
+    ends at the fix, and may be longer. With such positions a slope of no more than twice the mean square of its own
+    noise shows no time offset.
 
     scratch.accel_fit_error <- m/s, second-order term by the uncertainty of the velocity's time offset.
     scratch.lag_change <- m/s, change of the antenna's velocity since then until the core's time.
@@ -254,7 +255,8 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     if snapshot_count > 0:
         newest_ns = max(newest_ns, s.snapshots[(snapshot_count - 1) % SNAPSHOTS].nav.t_ns)
     least = max(math.sqrt(max(time_offset_var, 0.0)), 1e-9 * SNAPSHOT_NS)
-    before_only = c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma and not c.nhc.enabled
+    precise = c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
+    before_only = precise and not c.nhc.enabled
     window = p.tuning.accel_window_before_s if before_only else p.tuning.accel_window_s
     span, psd = max(0.5 * window, least), velocity_psd(p, c)
     while True:
@@ -272,10 +274,13 @@ def fit_acceleration(p: Parameters, s: State, snapshot_count: int, age: float) -
     now = antenna_velocity_at(s, snapshot_count, c.nav.t_ns)
     then = antenna_velocity_at(s, snapshot_count, then_ns)
     share = time_offset_var / span**2
+    length2 = ((v0[0] - v2[0]) ** 2 + (v0[1] - v2[1]) ** 2 + (v0[2] - v2[2]) ** 2) / (2.0 * span)
+    noise = p.tuning.level_force_gate * 3.0 * psd if precise else 0.0
+    known_share = 1.0 - noise / length2 if length2 > noise else 0.0
     for i in range(3):
         known = math.isfinite(v0[i]) and math.isfinite(v1[i]) and math.isfinite(v2[i])
         curve = v0[i] - 2.0 * v1[i] + v2[i]
-        c.scratch.accel_fit[i] = (v0[i] - v2[i]) / (2.0 * span) if known else 0.0
+        c.scratch.accel_fit[i] = known_share * (v0[i] - v2[i]) / (2.0 * span) if known else 0.0
         c.scratch.accel_fit_error[i] = 0.5 * share * curve if known else p.tuning.unknown_accel * span
         changed = now[i] - then[i]
         usable = math.isfinite(changed) and then_ns <= newest_ns

@@ -152,7 +152,7 @@ def streams(machine: Machine) -> bool:
 
 
 def try_restarts(machine: Machine) -> None:
-    """A heading that only the first run was told is known again. Raises AssertionError."""
+    """A heading that only the first run was given is known again. Raises AssertionError."""
     machine.until("the heading is valid", lambda: machine.since_ready_s("heading is valid") > 0.0)
     machine.run("sed", "-i", "/^initial/d", FILE)
     for command in (("restart",), ("kill", "-s", "KILL")):

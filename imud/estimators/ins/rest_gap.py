@@ -2,11 +2,11 @@
 
 No sensor has seen a rotation about the vertical. Either the body was left alone, and its heading is as it was, or it
 was moved, and its heading is any: the variance is the probability of that times pi^2 / 3. Beforehand it is what the
-length of the gap gives. At the first rest after the gap gravity tells more: who was moved stands at another tilt, by
-`moved_tilt` in each axis, except for the share `level_places`, where the ground is level; who was not stands as before,
-within the noise and, if the sensor was switched on, the change of its accelerometer biases. Bayes' rule gives the
-probability afterwards. Until then the variance is no part of P, but of the stated sigma. A body that the next fix at
-rest finds elsewhere was moved: its heading is lost.
+length of the gap gives. At the first rest after the gap gravity shows more: what was moved stands at another tilt, by
+`moved_tilt` in each axis, except for the share `level_places`, where the ground is level; what was not moved stands as
+before, within the noise and, if the sensor was switched on, the change of its accelerometer biases. Bayes' rule gives
+the probability afterwards. Until then the variance is no part of P, but of the stated sigma. A body that the next fix
+at rest finds elsewhere was moved: its heading is lost.
 """
 
 from __future__ import annotations

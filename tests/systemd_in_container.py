@@ -156,7 +156,7 @@ def try_restarts(machine: Machine) -> None:
     machine.until("the heading is valid", lambda: machine.since_ready_s("heading is valid") > 0.0)
     machine.run("sed", "-i", "/^initial/d", FILE)
     for command in (("restart",), ("kill", "-s", "KILL")):
-        time.sleep(7.0)  # the state is written every few seconds
+        time.sleep(7.0)  # the state is written once a second, the biases less often
         before = machine.property("MainPID")
         machine.run("systemctl", *command, UNIT)
         machine.until("another run", lambda before=before: machine.property("MainPID") not in ("0", before))
@@ -179,7 +179,7 @@ def try_service(machine: Machine) -> None:
     machine.until("reload reads the configuration again", lambda: "read the configuration again" in machine.journal())
     assert machine.property("MainPID") == first
 
-    time.sleep(7.0)  # the state is written every few seconds
+    time.sleep(7.0)  # the state is written once a second, the biases less often
     machine.run("sh", "-c", f"kill -STOP {first}")
     machine.until("a daemon that hangs is killed by the watchdog", lambda: "atchdog" in machine.journal(), WATCHDOG_S)
     machine.until("and started again", lambda: machine.property("NRestarts") == "2" and streams(machine))

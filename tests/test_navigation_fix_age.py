@@ -1,5 +1,6 @@
 """Receivers whose stamps are late, before the heading is known: what is stated, and how the age is found."""
 
+import accuracy_simulated
 import numpy as np
 import pytest
 from accuracy_simulated import figures
@@ -67,6 +68,21 @@ def test_a_few_pairs_of_a_sensor_that_is_shaken_prove_no_age():
     row = figures("helicopter", "1 Hz", 0.0, 0)
     assert (row["position s"], row["yaw s"], row["no yaw s"]) == (0.0, 0.0, 0.0)
     assert row["position m"] < 3.0
+
+
+def test_what_take_off_does_not_show_of_the_age_is_found_in_flight(monkeypatch):
+    """Its heading is found while it accelerates straight ahead; stamps late by 0.7 s then cost 8 m for minutes."""
+    right = accuracy_simulated.received
+
+    def late(*how):
+        fixes = right(*how)
+        fixes["t_ns"] += 700_000_000
+        fixes["arrival_ns"] += 700_000_000
+        return fixes
+
+    monkeypatch.setattr(accuracy_simulated, "received", late)
+    away = [figures("plane", "1 Hz", 0.0, seed)["position m"] for seed in (110, 111, 112)]
+    assert np.median(away) < 4.0
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("lorry", 108), ("ship", 109)])

@@ -15,7 +15,7 @@ from imud.estimators.ins.noise_density import velocity_psd
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
-from imud.estimators.ins.time_evidence import measure_time_evidence
+from imud.estimators.ins.time_evidence import forget_time_evidence, measure_time_evidence
 from imud.math.kalman import packed_index
 
 measure_time_evidence, packed_index = in_c(measure_time_evidence), interpreted(packed_index)
@@ -87,6 +87,14 @@ def test_a_slope_within_its_noise_shows_no_time_offset(slope):
     noise = 3.0 * in_c(velocity_psd)(p, c) / 1.6
     assert c["scratch"]["accel_fit"][1] == pytest.approx(slope * max(0.0, 1.0 - 2.0 * noise / slope**2), rel=1e-6)
     assert (c["scratch"]["accel_fit"][1] == 0.0) == (slope < 1.0)
+
+
+def test_when_the_noise_turns_out_to_be_larger_the_variance_is_the_largest_since_the_alignment():
+    c = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
+    for now, largest in ((1e-4, 4e-3), (5e-3, 4e-3)):
+        c["time_evidence"]["error_variance"], c["time_evidence"]["largest_variance"] = now, largest
+        interpreted(forget_time_evidence)(c.view(np.recarray))
+        assert c["time_evidence"]["error_variance"] == max(now, largest)
 
 
 def normalised(vehicle, seed):

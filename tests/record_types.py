@@ -67,6 +67,7 @@ INS = {
     "Odometer": aiding.ODOMETER,
     "WheelCheck": aiding.WHEEL_CHECK,
     "Transition": core.TRANSITION,
+    "VelocityEpoch": core.VELOCITY_EPOCH,
     "Scratch": core.SCRATCH,
     "Snapshot": core.SNAPSHOT,
     "Core": core.CORE,

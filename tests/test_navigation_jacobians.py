@@ -27,6 +27,7 @@ from imud.estimators.ins.aiding import (
 )
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.ekf import decorrelate, inject_error
+from imud.estimators.ins.lever_arm import arm_velocity_row
 from imud.estimators.ins.mechanization import ned_difference
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
@@ -147,7 +148,7 @@ def navigating(seed, rolling):
     c.imu.w, c.imu.rate_b = rng.standard_normal((2, 3)) * 0.5
     if not rolling:
         c.imu.rate_b = c.imu.rate_b - (c.nav.forward @ c.imu.rate_b) * c.nav.forward
-    c.scratch.accel_fit = rng.standard_normal(3) * 2.0
+    c.scratch.velocity_epoch.acceleration = rng.standard_normal(3) * 2.0
     c.gnss.reported_sigma, c.gnss.noise_var, c.nhc.enabled = (1.5, 3.0), (1.0, 4.0), 1
     return p, s
 
@@ -172,7 +173,10 @@ def measure_position(p, c, fix):
 def measure_velocity(p, c, fix):
     rows = np.zeros(4, INNOVATION).view(np.recarray)
     age = c.nav.time_offset - 1e-9 * (fix.t_ns - c.nav.t_ns)
-    c.scratch.lag_change = (age + c.nav.velocity_time_offset) * c.scratch.accel_fit  # of a constant acceleration
+    e = c.scratch.velocity_epoch  # of a constant acceleration, and of a constant rate
+    e.change = (age + c.nav.velocity_time_offset) * e.acceleration
+    for i in range(3):
+        e.by_lever_arm[i] = as_python(arm_velocity_row)(c, i)
     as_python(gnss_velocity.fuse_gnss_velocity)(p, c, fix, rows, 0)
 
 

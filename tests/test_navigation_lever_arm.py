@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from in_c import in_c
 from navigation_runner import fixes_of, navigate
 from navigation_simulation import at_antenna, drive, errors, received, sensed, walk
 from replay_in_process import new_filter, replay
+from scipy.spatial.transform import Rotation
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
@@ -14,7 +16,8 @@ from imud.daemon.status_reporter import StatusReporter
 from imud.estimators.ins.aiding.gnss_noise import set_gnss_lever_arm
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import GNSS_LEVER_ARM, STATES
+from imud.estimators.ins.state import GNSS_LEVER_ARM, NAVIGATING, STATES
+from imud.estimators.ins.velocity_epoch import find_velocity_epoch
 from imud.math.kalman import packed_index, unpack
 from imud.process.contained import ContainedErrors
 from imud.sensor_errors.profiles import PROFILES
@@ -158,3 +161,24 @@ def test_a_changed_setting_begins_anew():
         c["nav"]["gnss_lever_arm"] += 0.1  # found by the filter: kept
         interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray), fix)
         assert tuple(c["nav"]["gnss_lever_arm"]) == pytest.approx(np.add(arm, 0.1))
+
+
+def test_the_lever_arm_moves_the_antenna_as_the_body_turned_when_the_velocity_was_true():
+    """A body that swings turns otherwise by the time at which the fix is fused: against C [w x] of a swing."""
+    p = configure(Settings(), 100.0)[0]
+    s = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))[0]
+    c, snapshots = s["core"][0], s["snapshots"]
+    t, lag, frequency = 0.05 * np.arange(41), 0.15, 2.0 * np.pi * 0.5
+    rate, angle = 2.0 * np.cos(frequency * t), 2.0 / frequency * np.sin(frequency * t)  # about the vertical
+    rows = [(snapshots[i], k) for i, k in enumerate(range(40))] + [(c, 40)]
+    for row, k in rows:
+        row["nav"]["t_ns"], row["alignment"]["mode"] = round(1e9 * t[k]), NAVIGATING
+        row["imu"]["w"], row["nav"]["bg"] = (0.0, 0.0, rate[k]), 0.0
+        row["nav"]["q_nb"] = np.cos(angle[k] / 2.0), 0.0, 0.0, np.sin(angle[k] / 2.0)
+    c["nav"]["velocity_time_offset"] = 0.0
+    in_c(find_velocity_epoch)(p, s, 40, lag)
+    k = 37  # 0.15 s before
+    expected = Rotation.from_rotvec([0.0, 0.0, angle[k]]).as_matrix() @ [[0, -rate[k], 0], [rate[k], 0, 0], [0, 0, 0]]
+    assert c["scratch"]["velocity_epoch"]["by_lever_arm"] == pytest.approx(expected, abs=0.02)
+    now = Rotation.from_rotvec([0.0, 0.0, angle[40]]).as_matrix() @ [[0, -rate[40], 0], [rate[40], 0, 0], [0, 0, 0]]
+    assert np.abs(now - expected).max() > 0.2

@@ -10,12 +10,12 @@ from navigation_simulation import errors
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.core import TRANSITION
-from imud.estimators.ins.fusion_horizon import fit_acceleration
 from imud.estimators.ins.noise_density import velocity_psd
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import NAVIGATING, STATES, TIME_OFFSET
 from imud.estimators.ins.time_evidence import forget_time_evidence, measure_time_evidence
+from imud.estimators.ins.velocity_epoch import fit_acceleration
 from imud.math.kalman import packed_index
 
 measure_time_evidence, packed_index = in_c(measure_time_evidence), interpreted(packed_index)
@@ -83,10 +83,10 @@ def test_a_slope_within_its_noise_shows_no_time_offset(slope):
     c["process_noise"]["psd"][0], c["gnss"]["reported_sigma"][0] = 3.0 * PSD, 0.015
     c["nav"]["t_ns"], snapshots["nav"]["t_ns"][:40] = 2_000_000_000, 50_000_000 * np.arange(40)
     c["nav"]["v_n"][1], snapshots["nav"]["v_n"][:40, 1] = 2.0 * slope, 0.05 * slope * np.arange(40)
-    in_c(fit_acceleration)(p, s, 40, 0.0)
-    noise = 3.0 * in_c(velocity_psd)(p, c) / 1.6
-    assert c["scratch"]["accel_fit"][1] == pytest.approx(slope * max(0.0, 1.0 - 2.0 * noise / slope**2), rel=1e-6)
-    assert (c["scratch"]["accel_fit"][1] == 0.0) == (slope < 1.0)
+    in_c(fit_acceleration)(p, s, 40, 2_000_000_000, 2_000_000_000)
+    noise, found = 3.0 * in_c(velocity_psd)(p, c) / 1.6, c["scratch"]["velocity_epoch"]["acceleration"][1]
+    assert found == pytest.approx(slope * max(0.0, 1.0 - 2.0 * noise / slope**2), rel=1e-6)
+    assert (found == 0.0) == (slope < 1.0)
 
 
 def test_when_the_noise_turns_out_to_be_larger_the_variance_is_the_largest_since_the_alignment():

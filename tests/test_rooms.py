@@ -98,7 +98,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/estimators/ins/integrity", "imud/estimators/ins/rest_gap.py", "imud/estimators/ins/power_on.py"),
     ("imud/estimators/ins/propagation.py", "imud/estimators/ins/damaged_readings.py"),
     ("imud/estimators/ins/imu_sample.py",),
-    ("imud/estimators/ins/fusion_horizon.py",),
+    ("imud/estimators/ins/fusion_horizon.py", "imud/estimators/ins/velocity_epoch.py"),
     ("imud/estimators/ins/gnss_fix.py", "imud/estimators/ins/sources.py"),
     ("imud/estimators/ins/filter.py",),
     ("imud/estimators/ins/parameters.py",),

@@ -6,6 +6,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 |---|---|
 | `filter` | the entry points: an inertial sample, a GNSS fix, a measurement of another source |
 | `fusion_horizon` | rings of samples, snapshots and measurements: each measurement is fused at its epoch |
+| `velocity_epoch` | the antenna when its velocity was that of a fix |
 | `imu_sample` | the order of things for a sample; `damaged_readings`: missing and clipped ones |
 | `propagation` | to a later time; `mechanization`: the nominal state; `error_model`, `noise_density`: F and Q |
 | `stationarity`, `rest` | windows of samples; is the sensor at rest? |

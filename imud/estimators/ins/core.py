@@ -223,6 +223,16 @@ TRANSITION = np.dtype(  # F over one interval of the covariance: the blocks that
     align=True,
 )
 
+VELOCITY_EPOCH = np.dtype(  # the antenna at the time at which its velocity was that of a fix
+    [
+        ("acceleration", "<f8", (3,)),  # m/s^2, NED
+        ("second_order", "<f8", (3,)),  # m/s, second-order term of the velocity's time offset
+        ("change", "<f8", (3,)),  # m/s, of the antenna's velocity since then
+        ("by_lever_arm", "<f8", (3, 3)),  # rad/s, how the lever arm changes the antenna's velocity: C_nb [w x]
+    ],
+    align=True,
+)
+
 SCRATCH = np.dtype(  # used within one call of the filter's entries only: no snapshot has it
     [
         ("x", "<f8", (STATES,)),  # error estimate that is not injected yet
@@ -240,9 +250,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("learning_d", "<f8", (LEARNING_STATES + 1, LANES)),  # their covariances S times h; behind them h S h'
         ("learning_gain", "<f8", (LEARNING_STATES, LANES)),  # the same in all lanes
         ("position_innovation", "<f8", (3,)),
-        ("accel_fit", "<f8", (3,)),  # m/s^2, acceleration of the antenna where its velocity was that of the fix
-        ("lag_change", "<f8", (3,)),  # m/s, change of the antenna's velocity since then
-        ("accel_fit_error", "<f8", (3,)),  # m/s, second-order term of the velocity's time offset
+        ("velocity_epoch", VELOCITY_EPOCH),  # of the fix that is fused
         ("integral_change", "<f8", (4, 2)),
         ("innovations", INNOVATION, (STEP_INNOVATIONS,)),  # of the last sample
         ("innovation_count", "<i8"),
@@ -305,7 +313,7 @@ STORED_MEASUREMENT = np.dtype(
         ("fix", FIX),  # if it is a GNSS fix
         ("measurement", MEASUREMENT),  # if it is from another source
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
-        ("first_accel_fit", "<f8", (9,)),  # of a fix: the last three of SCRATCH when it was fused first
+        ("velocity_epoch", VELOCITY_EPOCH),  # of a fix, when it was fused first
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
         ("last_time_offset", "<f8"),

@@ -20,10 +20,8 @@ from .bias_changes import begin_bias_changes
 from .error_model import reset_gyro_scale
 from .fusion import clear_innovations, propagate_errors, write_innovation
 from .fusion_horizon import (
-    fit_acceleration,
     fusion_time,
     insert_measurement,
-    keep_acceleration,
     propagate_to_epoch,
     replay_to_newest,
     rewind_to,
@@ -41,6 +39,7 @@ from .solution import write_solution
 from .sources import REJECTED_KIND, fuse_source
 from .state import AIDING_RING, NEVER_NS
 from .stationarity import first_window
+from .velocity_epoch import find_velocity_epoch, keep_velocity_epoch
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -212,8 +211,8 @@ def fuse_stored(
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
     if first:
-        fit_acceleration(p, s, snapshots, age)
-    keep_acceleration(c, e, first)
+        find_velocity_epoch(p, s, snapshots, age)
+    keep_velocity_epoch(c, e, first)
     rows = fuse_gnss(p, c, s.bank[0], e.fix, age, innovations)
     s.last_epoch_ns = e.fix.t_ns
     s.last_time_offset = c.nav.time_offset

@@ -22,7 +22,6 @@ from . import (
     ekf,
     error_model,
     filter,
-    fusion_horizon,
     imu_sample,
     noise_density,
     power_on,
@@ -35,6 +34,7 @@ from . import (
     sources,
     stationarity,
     time_evidence,
+    velocity_epoch,
 )
 from .aiding import (
     course_heading,
@@ -130,7 +130,7 @@ TUNABLES = (
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,
     *process_noise.TUNABLES,
-    *fusion_horizon.TUNABLES,
+    *velocity_epoch.TUNABLES,
     *filter.TUNABLES,
     *sources.TUNABLES,
     *setup.TUNABLES,

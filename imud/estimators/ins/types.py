@@ -529,6 +529,13 @@ class Transition:
     attitude_psd: float
 
 
+class VelocityEpoch:
+    acceleration: Reals
+    second_order: Reals
+    change: Reals
+    by_lever_arm: Tensor
+
+
 class Scratch:
     x: Floats
     d: Floats
@@ -545,9 +552,7 @@ class Scratch:
     learning_d: Tensor
     learning_gain: Tensor
     position_innovation: Reals
-    accel_fit: Reals
-    lag_change: Reals
-    accel_fit_error: Reals
+    velocity_epoch: VelocityEpoch
     integral_change: Tensor
     innovations: list[Innovation]
     innovation_count: int
@@ -686,7 +691,7 @@ class StoredMeasurement:
     fix: Fix
     measurement: Measurement
     age_variance: float
-    first_accel_fit: Reals
+    velocity_epoch: VelocityEpoch
     bank: int
     last_epoch_ns: int
     last_time_offset: float

@@ -2,7 +2,7 @@
 
 z = v_fix - v - gnss_velocity_bias - C_nb (w x lever_arm) + dv, in m/s, NED
 
-dv: change of the antenna's velocity since that of the fix was true (`fusion_horizon.fit_acceleration`). An error of a
+dv: change of the antenna's velocity since that of the fix was true (`velocity_epoch`). An error of a
 time offset changes it by the acceleration at that time. The attitude error phi changes C_nb (w x lever_arm) by
 phi x C_nb (w x lever_arm), the error of the gyro bias by C_nb (lever_arm x bias).
 """
@@ -20,7 +20,7 @@ from ...records import VELOCITY_N
 from ...tuning import Tunable
 from ..ekf import set_jacobian, set_jacobian3
 from ..fusion import REJECT, correct_state, fix_update, write_innovation
-from ..lever_arm import antenna_velocity, arm_velocity_row, attitude_row, gyro_bias_row
+from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
 from ..state import (
     ATTITUDE,
     GNSS_LEVER_ARM,
@@ -81,20 +81,52 @@ def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float, report
 
 
 @kernel
-def velocity_jacobian(p: Parameters, c: Core, antenna: Vector, accel: float, i: int) -> int:
-    """Jacobian of the velocity along axis i: velocity, both time offsets and, by the lever arm, attitude and gyro bias.
+def rotation_velocity(c: Core) -> Vector:
+    """C_nb (w x lever_arm) when the velocity of the fix was true, m/s, NED."""
+    m, arm = c.scratch.velocity_epoch.by_lever_arm, c.nav.gnss_lever_arm
+    return (
+        m[0, 0] * arm[0] + m[0, 1] * arm[1] + m[0, 2] * arm[2],
+        m[1, 0] * arm[0] + m[1, 1] * arm[1] + m[1, 2] * arm[2],
+        m[2, 0] * arm[0] + m[2, 1] * arm[1] + m[2, 2] * arm[2],
+    )
 
-    antenna: C_nb (w x lever_arm), m/s, NED; accel: m/s^2 along the axis. Returns the Jacobian's length.
+
+@kernel
+def velocity_jacobian(p: Parameters, c: Core, i: int) -> int:
+    """Jacobian of the velocity along axis i: velocity, both time offsets, lever arm, and by it attitude and gyro bias.
+
+    Returns the Jacobian's length.
     """
+    e = c.scratch.velocity_epoch
+    accel = e.acceleration[i] if c.alignment.mode == NAVIGATING else 0.0
     length = set_jacobian(c, 0, VELOCITY + i, 1.0)
     length = set_jacobian(c, length, GNSS_VELOCITY_BIAS + i, 1.0)
     length = set_jacobian(c, length, TIME_OFFSET, -accel)
     length = set_jacobian(c, length, VELOCITY_TIME_OFFSET, -accel)
     if c.alignment.mode != NAVIGATING:
         return length
-    length = set_jacobian3(c, length, ATTITUDE, attitude_row(antenna, i))
-    length = set_jacobian3(c, length, GNSS_LEVER_ARM, arm_velocity_row(c, i))
+    length = set_jacobian3(c, length, ATTITUDE, attitude_row(rotation_velocity(c), i))
+    row = e.by_lever_arm
+    length = set_jacobian3(c, length, GNSS_LEVER_ARM, (row[i, 0], row[i, 1], row[i, 2]))
     return set_jacobian3(c, length, GYRO_BIAS, gyro_bias_row(c, c.nav.gnss_lever_arm, i))
+
+
+@kernel
+def velocity_innovation(p: Parameters, c: Core, fix: Fix, i: int) -> float:
+    """z of component i, m/s, NED (see the file's head); NaN where it is not reported.
+
+    In coarse alignment velocity and time of the core are the antenna's.
+    """
+    z = velocity_of(p, fix, i) - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i]
+    if c.alignment.mode != NAVIGATING:
+        return float(z)
+    return float(z - antenna_velocity(c)[i] + c.scratch.velocity_epoch.change[i])
+
+
+@kernel
+def second_order_of_time(c: Core, i: int) -> float:
+    """Second-order term of the velocity's time offset in component i, m/s."""
+    return float(c.scratch.velocity_epoch.second_order[i] if c.alignment.mode == NAVIGATING else 0.0)
 
 
 @kernel
@@ -103,38 +135,21 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
 
     n: rows of `innovations` written before.
     """
-    antenna = antenna_velocity(c) if c.alignment.mode == NAVIGATING else (0.0, 0.0, 0.0)
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
-    timed = 1.0 if c.alignment.mode == NAVIGATING else 0.0  # in coarse alignment the velocity is that at the epoch
     rejected = 0
     if c.odometer.last_used_ns != NEVER_NS:
-        a, e = c.scratch.accel_fit, c.scratch.accel_fit_error
-        z_n = (
-            velocity_of(p, fix, 0)
-            - c.nav.gnss_velocity_bias[0]
-            - c.nav.v_n[0]
-            - antenna[0]
-            + timed * c.scratch.lag_change[0]
-        )
-        z_e = (
-            velocity_of(p, fix, 1)
-            - c.nav.gnss_velocity_bias[1]
-            - c.nav.v_n[1]
-            - antenna[1]
-            + timed * c.scratch.lag_change[1]
-        )
-        r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1])) + timed * (e[0] ** 2 + e[1] ** 2)
-        check_receiver(p, c, z_n, z_e, a[0], a[1], r)
+        a = c.scratch.velocity_epoch.acceleration
+        r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1]))
+        r += second_order_of_time(c, 0) ** 2 + second_order_of_time(c, 1) ** 2
+        check_receiver(p, c, velocity_innovation(p, c, fix, 0), velocity_innovation(p, c, fix, 1), a[0], a[1], r)
     gate = REJECT if wheels_reject(p, c) else p.tuning.gnss_velocity_gate
     for i in range(3):
-        received = velocity_of(p, fix, i)
-        if not math.isfinite(received):
+        z = velocity_innovation(p, c, fix, i)
+        if not math.isfinite(z):
             continue
-        accel, fit_error = timed * c.scratch.accel_fit[i], timed * c.scratch.accel_fit_error[i]
-        z = received - c.nav.gnss_velocity_bias[i] - c.nav.v_n[i] - antenna[i] + timed * c.scratch.lag_change[i]
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
-        r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + fit_error**2
-        length = velocity_jacobian(p, c, antenna, accel, i)
+        r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + second_order_of_time(c, i) ** 2
+        length = velocity_jacobian(p, c, i)
         z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else OTHER_AXIS)
         used = nis >= 0.0
         if used and slow == 0.0:

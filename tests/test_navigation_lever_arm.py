@@ -21,6 +21,7 @@ from imud.estimators.ins.velocity_epoch import find_velocity_epoch
 from imud.math.kalman import packed_index, unpack
 from imud.process.contained import ContainedErrors
 from imud.sensor_errors.profiles import PROFILES
+from imud.sensors.gnss import is_precise
 
 SIGMA = 0.7  # m
 TRUE = np.array([1.0, -0.5, -1.4])
@@ -110,16 +111,37 @@ def test_one_that_is_not_set_is_estimated_from_positions_of_centimetres():
         assert (np.abs(of[2][:, 2]) < 4.0 * sigmas[2][:, 2]).all()
 
 
-def test_one_that_is_not_set_is_taken_as_zero_by_a_receiver_of_metres():
-    error, P, _, _ = run(5, False, "auto", given=(0.0, 0.0, 0.0))
-    assert error == pytest.approx(TRUE, abs=1e-12)
-    assert not P.any()
+def test_one_that_is_not_set_is_estimated_from_positions_of_metres():
+    """Taken as zero, its velocity in turns is an error of the velocity."""
+    estimated, zero = ([run(seed, False, sigma, given=(0.0, 0.0, 0.0)) for seed in range(4)] for sigma in ("auto", 0.0))
+    assert np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in estimated])) < 0.2
+    for e, P, _, _ in estimated:
+        assert (np.abs(e) < 3.0 * np.sqrt(np.diag(P))).all()
+    velocity = [np.sqrt(np.mean([of[1][:, :2] ** 2 for _, _, of, _ in runs])) for runs in (estimated, zero)]
+    assert velocity[0] < 0.5 * velocity[1]
 
 
-def test_a_given_one_is_exact_unless_its_sigma_says_otherwise():
+def test_a_given_one_is_exact_for_positions_of_centimetres():
     error, P, _, _ = run(5, True, "auto", mistake=np.array([0.3, 0.2, -0.1]))
     assert error == pytest.approx([-0.3, -0.2, 0.1], abs=1e-12)
     assert not P.any()
+
+
+def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_metres():
+    runs = [run(seed, False, "auto", mistake=np.array([0.0, 1.0, 0.0])) for seed in range(4)]
+    assert np.abs([e[1] for e, _, _, _ in runs]).max() < 0.3
+    assert all((np.abs(of[2][:, 2]) < 4.0 * sigmas[2][:, 2]).all() for _, _, of, sigmas in runs)
+
+
+@pytest.mark.parametrize(("mistake", "expected"), [(1.0, 1), (0.1, 0)])
+def test_a_finding_names_a_lever_arm_that_the_fixes_contradict(mistake, expected):
+    rng, d = np.random.default_rng(3), drive(120.0)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, late=0.2), TRUE)
+    settings = Settings(navigation=Navigation(lever_arm_m=tuple(map(float, TRUE + np.array([0.0, mistake, 0.0])))))
+    filter_ = new_filter("navigation", samples, settings)
+    assert filter_.findings() == ()
+    replay(filter_, samples, fixes)
+    assert sum("navigation.lever_arm_m" in text for text in filter_.findings()) == expected
 
 
 def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
@@ -133,7 +155,7 @@ def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
         )
         replay(filter_, samples, fixes)
         inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=filter_))
-        used = SimpleNamespace(gnss=object())
+        used = SimpleNamespace(gnss=SimpleNamespace(sensor=SimpleNamespace(is_precise=is_precise(fixes[-1]))))
         devices = SimpleNamespace(selection=SimpleNamespace(inertial=inertial), in_use=used)
         reporter = StatusReporter(devices, ContainedErrors())
         reporter._log = SimpleNamespace(warning=warnings.append)

@@ -39,8 +39,8 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lever_arm_sigma_m: Annotated[
         Literal["auto"] | Annotated[float, number(0.0, 10.0, "m")],
         Meta(
-            description="1 sigma of each component of it, which is then estimated; 0: it is exact. `auto`: exact if it "
-            "is given; [0, 0, 0] is estimated from positions of centimetres, as unknown by a metre.",
+            description="1 sigma of each component of it, which is then estimated; 0: it is exact. `auto`: 1 m if the "
+            "lever arm is [0, 0, 0], that is, not given; else 0.2 m, and 0 with positions of centimetres.",
             extra=HOT,
         ),
     ] = "auto"

@@ -110,6 +110,8 @@ class StatusReporter:
             return
         if inertial.pipeline.filter.settings.navigation.lever_arm_sigma_m != "auto":
             return
+        if not self._devices.in_use.gnss.sensor.is_precise:
+            return
         if "gnss_lever_arm_x_m" in cells(inertial.pipeline.filter.filter_states()):
             self._log.warning(_LEVER_ARM_UNSET)
             self._lever_arm_warned = True

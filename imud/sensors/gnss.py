@@ -119,6 +119,11 @@ def position_sigma(fix: np.void) -> tuple[float, float, float]:
     return horizontal, horizontal, down
 
 
+def is_precise(fix: np.void) -> bool:
+    """Whether `navigation` takes the position of a row of FIX for one of centimetres."""
+    return bool(position_sigma(fix)[0] < navigation_parameters().tuning.survey_sigma)
+
+
 @functools.cache
 def navigation_parameters() -> Any:
     """The parameters of `navigation` with its own settings: `tuning`, found once, as numpy takes 30 us to find it."""

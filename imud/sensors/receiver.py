@@ -16,7 +16,7 @@ from ..math.arrays import Records
 from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
-from .gnss import IMPOSSIBLE, Refusal, record, refusal
+from .gnss import IMPOSSIBLE, Refusal, is_precise, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
 from .line_load import LineLoad
 from .loss import HIGH, LossMonitor
@@ -282,6 +282,11 @@ class Receiver:
         age_s = _age_s(self._last, now_ns) if self._last else None
         stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
+
+    @property
+    def is_precise(self) -> bool:
+        """Whether its last position is one of centimetres."""
+        return self._row is not None and is_precise(self._row[0])
 
     def view(self, now_ns: int) -> ReceiverReport | None:
         """The last fix, for those who publish it; None before the first."""

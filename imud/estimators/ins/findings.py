@@ -1,13 +1,34 @@
 """What the navigation filter has found that contradicts the settings, in words."""
 
+import numpy as np
+
+from ...compile.jit import interpreted
 from ...math.arrays import Records
-from .state import LAND
+from ...math.kalman import packed_index
+from .state import GNSS_LEVER_ARM, LAND, NAVIGATING, STATES
 
 _NO_LAND_VEHICLE = 'the vehicle moves sideways, or up and down: navigation.vehicle = "land" is not used'
+
+_ANTENNA_ELSEWHERE = (
+    "the fixes show an antenna that is not where navigation.lever_arm_m says: measure it again; gnss_lever_arm_x_m, … "
+    "of `imud status` are what was found"
+)
+_ELSEWHERE_M, _ELSEWHERE_SIGMAS = 0.5, 4.0
+_ARM_IN_P = [interpreted(packed_index)(STATES, k, k) for k in range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3)]
 
 
 def findings(parameters: Records, state: Records) -> tuple[str, ...]:
     """See `Estimator`."""
-    nhc = state["core"][0, 0]["nhc"]
+    c = state["core"][0, 0]
+    nhc = c["nhc"]
     is_dropped = parameters["vehicle"][0] == LAND and nhc["disable_count"] > 0 and not nhc["enabled"]
-    return (_NO_LAND_VEHICLE,) if is_dropped else ()
+    return (*((_NO_LAND_VEHICLE,) if is_dropped else ()), *((_ANTENNA_ELSEWHERE,) if _is_elsewhere(c) else ()))
+
+
+def _is_elsewhere(c: np.void) -> bool:
+    """Whether the estimated lever arm contradicts the one of the settings."""
+    if c["alignment"]["mode"] != NAVIGATING or not c["gnss"]["given_lever_arm_sigma"] > 0.0:
+        return False
+    away = np.abs(c["nav"]["gnss_lever_arm"] - c["gnss"]["given_lever_arm"])
+    sigma = np.sqrt(np.maximum(c["cov"]["P"][_ARM_IN_P], 0.0))
+    return bool((away > np.maximum(_ELSEWHERE_M, _ELSEWHERE_SIGMAS * sigma)).any())

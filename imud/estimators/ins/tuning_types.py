@@ -99,6 +99,7 @@ class Tuning:
     second_order_heading: float
     gnss_lever_arm_sigma: float
     unset_lever_arm_sigma: float
+    set_lever_arm_sigma: float
     time_offset_floor: float
     constant_error_share: float
     bias_free_gate: float

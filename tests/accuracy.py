@@ -116,7 +116,7 @@ def gyro_step(samples, fixes, begin):
 
 
 def lever_arm(samples, fixes, begin):
-    """The lever arm is given wrong, as exact or with a sigma: see `figures`."""
+    """The lever arm is given wrong, without or with a sigma: see `figures`."""
 
 
 FAULTS = {
@@ -182,7 +182,10 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths, smooth):
     if fault:
         FAULTS[fault](samples, fixes, begin)
     given = np.array(meta["lever_frd"], float) + np.array([0.0, float(fault.startswith("lever arm")), 0.0])
-    settings, score = settings_of(vehicle, given, profile, tuning, (1.0 if fault.endswith("sigma") else "auto")), scorer()
+    settings, score = (
+        settings_of(vehicle, given, profile, tuning, (1.0 if fault.endswith("sigma") else "auto")),
+        scorer(),
+    )
     out = solutions(samples, fixes, settings, smooth)
     est, arm = table(out), meta["lever_frd"] if meta["truth_point"] == "antenna" else None
     t, d, i = score.errors(est, truth, arm)

@@ -18,9 +18,10 @@ from imud.estimators.records import HEADING_VALID
 D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
 FREE = Settings(navigation=Navigation(vehicle="free"))
-WIDE = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=3.0))
-STATED = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=0.5))
-KNOWN = Settings(navigation=Navigation(vehicle="free"), aiding=Aiding(heading_boresight_sigma_deg=0.001))
+AT_SENSOR = Navigation(vehicle="free", lever_arm_sigma_m=0.0)  # the antenna
+WIDE = Settings(navigation=AT_SENSOR, aiding=Aiding(heading_boresight_sigma_deg=3.0))
+STATED = Settings(navigation=AT_SENSOR, aiding=Aiding(heading_boresight_sigma_deg=0.5))
+KNOWN = Settings(navigation=AT_SENSOR, aiding=Aiding(heading_boresight_sigma_deg=0.001))
 
 
 def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0, reported=None, from_s=0.0):

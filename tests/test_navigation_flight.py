@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from navigation_runner import navigate, samples_of
+from navigation_runner import navigate, samples_of, settings_of
 from navigation_simulation import Drive, curvature, errors, ideal_sensor, received
 from scipy.spatial.transform import Rotation
 
@@ -70,7 +70,7 @@ def fly(seed, kind):
         white, speed = (1.5, 0.15) if kind == "nmea" else (0.1, 0.05)
         fixes = received(d, rng, every=1.0, late=0.2, sigma=1.5, white=white, speed_sigma=speed)
     t = fixes["t_ns"] * 1e-9 - 100.0
-    return d, *navigate(samples, fixes[(t < OUTAGE_S[0]) | (t > OUTAGE_S[1])])
+    return d, *navigate(samples, fixes[(t < OUTAGE_S[0]) | (t > OUTAGE_S[1])], settings_of())
 
 
 @pytest.mark.parametrize("kind", ["receiver", "nmea", "rtk"])

@@ -144,6 +144,12 @@ def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
 
 
 @kernel
+def forget_lever_arm(c: Core) -> None:
+    """What was estimated of the lever arm is wrong, as the heading was: begin with the user's at the next fix."""
+    c.gnss.given_lever_arm_sigma = math.nan
+
+
+@kernel
 def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
     g, sigma = c.gnss, initial_lever_arm_sigma(p, c, fix)

@@ -80,12 +80,14 @@ def warm_analysis() -> None:
     from .sensor_errors.noise import allan_variances
     from .smoothing.fixed_interval import smoothed_estimates
     from .smoothing.intervals import INTERVAL
+    from .tables.imu_table import write_rows
 
     allan_variances(np.zeros(4), np.zeros(5), np.ones(1, np.int64), np.zeros(1))
     check_samples(new_health(profile_of(Settings()), _RATE_HZ), np.zeros(1, SAMPLE))
     smoothed_estimates(np.zeros(1, INTERVAL), 1.0)
     follow_body(np.zeros(1, RECKONING), np.zeros(1, SOLUTION), np.zeros(1, MOTION))
     body_velocities(np.zeros(1, SOLUTION), np.zeros(1, BODY_VELOCITY))
+    write_rows(io.BytesIO(), np.zeros(1, np.int64), np.zeros((1, 1)))
 
 
 def entries() -> dict[str, tuple[Entry, tuple[Dtype, ...]]]:

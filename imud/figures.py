@@ -110,11 +110,11 @@ def available() -> bool:
     return importlib.util.find_spec("plotly") is not None
 
 
-def plotly_js() -> str:
+def plotly_js() -> bytes:
     """plotly's browser library, out of its Python package: no page needs the network."""
     spec = importlib.util.find_spec("plotly")
     assert spec is not None and spec.origin is not None
-    return (Path(spec.origin).parent / "package_data/plotly.min.js").read_text(encoding="utf-8")
+    return (Path(spec.origin).parent / "package_data/plotly.min.js").read_bytes()
 
 
 def kept(y: Floats, most: int = MOST_POINTS) -> NDArray[np.int64]:
@@ -250,8 +250,13 @@ def write(title: str, text: str, figures: Sequence[Figure], path: Path, table: S
     head = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{html.escape(title)}</title><style>{STYLE}</style>'
-        f"<script>{plotly_js()}</script><script>{constants}{SCRIPT}</script></head>"
+        "<script>"
     )
     body = f"<h1>{html.escape(title)}</h1><pre>{html.escape(text)}</pre>{_table(table) if table else ''}"
-    page = f"{head}<body>{body}{''.join(map(_html, figures))}</body></html>"
-    path.write_text(page, encoding="utf-8", errors="replace")  # the name of a file may be no UTF-8
+    page = (
+        f"</script><script>{constants}{SCRIPT}</script></head><body>{body}{''.join(map(_html, figures))}</body></html>"
+    )
+    with path.open("wb") as file:  # the library is 5 MB: as bytes it need not be decoded
+        file.write(head.encode(errors="replace"))  # the name of a file may be no UTF-8
+        file.write(plotly_js())
+        file.write(page.encode(errors="replace"))

@@ -12,7 +12,7 @@ import pytest
 
 from imud.batch import play
 from imud.commands import bench
-from imud.commands.bench import signals, table
+from imud.commands.bench import aided, signals, table, throughput
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import MAGNETOMETER_SOURCE
@@ -88,3 +88,24 @@ def test_every_measurement_of_an_aiding_source_is_fused_once_under_way():
         late = innovations["t_ns"] > under_way_ns
         fused = innovations["used"][late & np.isin(innovations["kind"], list(source.innovations))].sum()
         assert fused >= 0.95 * np.sum(rows["t_ns"] > under_way_ns), source.name
+
+
+def test_sources_are_timed_once_the_filter_is_aligned(monkeypatch):
+    played, timed = [], []
+
+    def play(filter_, samples, fixes, on_solutions, aiding):
+        played.append((samples["t_ns"], fixes["arrival_ns"], aiding["arrival_ns"]))
+
+    def time(act):
+        act()
+        timed.append(played[-1])
+        return 1.0
+
+    monkeypatch.setattr(aided, "play", play)
+    monkeypatch.setattr(aided, "timed", time)
+    aided.aiding(2, 1)
+    assert len(played) == 2 * len(timed)
+    for times, fixes, measurements in timed:
+        assert (times[0], len(times)) == (throughput.START_S * 1_000_000_000, 2 * signals.RATE_HZ)
+        assert min([*fixes, *measurements]) >= times[0]
+        assert len(fixes)

@@ -135,6 +135,26 @@ def test_a_valid_position_that_is_no_number_is_no_fix(name, value):
     assert np.isnan(fix.latitude) and np.isnan(fix.longitude)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["sigma_rpy", "sigma_p", "sigma_v", "sigma_bg", "sigma_ba", "w", "f", "v"])
+@pytest.mark.parametrize("value", [1e200, -1e308, np.inf, np.nan, SIGNALLING_NAN])
+def test_a_covariance_is_finite_whatever_the_state(name, value):
+    row = solution(np.eye(3))
+    row[name] = value
+    converter = Converter()
+    converter.sigmas = BOTH
+    sent = converted(row, converter)
+    odometry = sent["odometry"]
+    covariances = [
+        *(sent["imu/data"].orientation_covariance, sent["imu/data"].angular_velocity_covariance),
+        *(sent["imu/data"].linear_acceleration_covariance, sent["fix/filtered"].position_covariance),
+        *(odometry.pose.covariance, odometry.twist.covariance),
+    ]
+    assert all(np.isfinite(each).all() for each in covariances)
+    if name == "sigma_p":
+        assert covariances[3].reshape(3, 3).diagonal().min() >= 1e18  # by no means better known than others
+
+
 def test_positions_of_the_filter():
     row = solution(np.eye(3))
     fix = read("fix/filtered", one(messages.filtered_fix, row, 7))

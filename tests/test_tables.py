@@ -19,6 +19,7 @@ from imud.math.decimal import write_fixed, write_seconds
 from imud.math.rotation import quat_of_euler
 from imud.tables import estimates as estimate_tables
 from imud.tables import inputs as tables
+from imud.tables.imu_table import write_rows
 from imud.tables.nmea_log import fixes_of_log
 
 HEADER = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n"
@@ -54,10 +55,18 @@ def test_fixed_decimals_are_the_digits_of_the_rounded_integer(value, decimals):
         (35.6585805, 7, "35.6585805"),
         (math.nan, 3, ""),
         (1e300, 3, ""),
+        (0.99996, 4, "1.0000"),
+        (-9.99996, 4, "-10.0000"),
+        (9_999_999.96, 1, "10000000.0"),
     ],
 )
 def test_fixed_decimals(value, decimals, expected):
     assert text(value, decimals) == expected
+
+
+def test_each_four_digits_are_right():
+    assert [text(number, 0) for number in range(10_000)] == [str(number) for number in range(10_000)]
+    assert [text(number * 1e-4, 4) for number in range(10_000)] == [f"0.{number:04d}" for number in range(10_000)]
 
 
 def test_seconds_are_exact_to_the_nanosecond():
@@ -348,6 +357,19 @@ def test_estimates_are_written_in_the_columns_of_the_contract():
     blank = dict(zip(header.split(","), second.split(","), strict=True))
     assert [blank[name] for name in ("lat_deg", "height_m", "vd_mps", "sn_m", "svn_mps")] == [""] * 5
     assert float(blank["yaw_deg"]) == pytest.approx(120)
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**62), st.floats(), st.floats(width=32)), max_size=5))
+def test_rows_of_samples_give_every_time_and_number_back(rows):
+    times = np.array([t_ns for t_ns, *_ in rows], np.int64)
+    file = io.BytesIO()
+    write_rows(file, times, np.array([numbers for _, *numbers in rows]).reshape(-1, 2))
+    lines = file.getvalue().decode().splitlines()
+    assert len(lines) == len(rows)
+    for line, (t_ns, *numbers) in zip(lines, rows, strict=True):
+        time, *cells = line.split(",")
+        assert time == f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
+        assert [float(cell) if cell else None for cell in cells] == [x if math.isfinite(x) else None for x in numbers]
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -16,7 +16,20 @@ _PAIRS = np.frombuffer("".join(f"{n:02d}" for n in range(100)).encode(), np.uint
 @kernel
 def _write_digits(buffer: Bytes, end: int, value: int, digits: int) -> None:
     """Write the last `digits` digits of value >= 0, in pairs, so that they end before `end`."""
-    while digits > 1:
+    while digits > 3:
+        rest = value // 10_000
+        four = value - 10_000 * rest
+        high = four * 5243 >> 19  # four // 100, for numbers below 43 699
+        low = 2 * (four - 100 * high)
+        high *= 2
+        buffer[end - 4] = _PAIRS[high]
+        buffer[end - 3] = _PAIRS[high + 1]
+        buffer[end - 2] = _PAIRS[low]
+        buffer[end - 1] = _PAIRS[low + 1]
+        value = rest
+        end -= 4
+        digits -= 4
+    if digits > 1:
         rest = value // 100
         pair = 2 * (value - 100 * rest)
         buffer[end - 2] = _PAIRS[pair]
@@ -31,6 +44,9 @@ def _write_digits(buffer: Bytes, end: int, value: int, digits: int) -> None:
 @kernel
 def write_integer(buffer: Bytes, at: int, value: int) -> int:
     """Write value >= 0; returns the position behind it."""
+    if value < 10:
+        buffer[at] = _ZERO + value
+        return at + 1
     n = 1
     rest = value // 10
     while rest > 0:
@@ -47,19 +63,24 @@ def write_fixed(buffer: Bytes, at: int, value: float, decimals: int) -> int:
     decimals: 0 to 18. Nothing is written unless |value| 10^decimals fits 63 bits: NaN and infinity become empty cells.
     """
     unit = _UNITS[decimals]
-    scaled = abs(value) * unit + 0.5
+    size = abs(value)
+    scaled = size * unit + 0.5
     if not scaled < _LARGEST:
         return at
     digits = int(scaled)
     if value < 0.0 and digits > 0:
         buffer[at] = _MINUS
         at += 1
-    whole = digits // unit
+    whole = int(size)
+    fraction = digits - whole * unit
+    if fraction < 0 or fraction >= unit:  # rounded to the next whole number, or larger than doubles are exact
+        whole = digits // unit
+        fraction = digits - whole * unit
     at = write_integer(buffer, at, whole)
     if decimals > 0:
         buffer[at] = _POINT
         at += 1 + decimals
-        _write_digits(buffer, at, digits - whole * unit, decimals)
+        _write_digits(buffer, at, fraction, decimals)
     return at
 
 

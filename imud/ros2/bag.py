@@ -23,7 +23,7 @@ from .converter import Block, Converter, block_of
 from .definitions import STATIC, TOPICS, definition
 from .messages import Diagnosis, Sigmas, filter_diagnosis
 
-_TOGETHER = 512
+_TOGETHER = 2048  # rows, some 4 MB of messages: a chunk
 _DIAGNOSES_NS = 1_000_000_000  # from one to the next
 _NAMES = {"imu": "inertial sensor", "gnss": "receiver"}
 # rosbag2's numbers of the policies: keep the last 1, reliable, transient local; for subscribers that come later

@@ -24,6 +24,9 @@ _NONE = [-1.0, *[0.0] * 8]
 _NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 _FLU = (1.0, -1.0, -1.0)  # of FRD
 UNKNOWN_VAR = 1e6  # of what is not known, where a message has no way to say so: a height, rates
+_LARGEST = (
+    1e9  # of a sigma, rate or force: more, or no number, is what a damaged state has; its square may not be finite
+)
 _NO_FIX, _FIX, _SATELLITE_AUGMENTED, _GROUND_AUGMENTED = -1, 0, 1, 2
 _STATUS_OF_QUALITY = {0: _NO_FIX, 2: _SATELLITE_AUGMENTED, 4: _GROUND_AUGMENTED, 5: _GROUND_AUGMENTED}  # of GGA
 _SERVICE_GPS = 1
@@ -38,6 +41,12 @@ class Sigmas(NamedTuple):
     accel: SampleSigma | None = None
 
 
+def _variances(sigma: Floats) -> Floats:
+    """Squares of sigmas, always finite."""
+    finite = np.where(np.abs(sigma) < _LARGEST, sigma, _LARGEST)
+    return np.asarray(finite * finite)
+
+
 def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias: Floats | None = None) -> Floats:
     """Measured vectors (n x 3, FRD) in FLU, and behind each its covariance (row-major 3 x 3): n x 12.
 
@@ -46,10 +55,11 @@ def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias:
     rows = np.zeros((len(v), 12))
     rows[:, 3] = -1.0
     if sensor is not None:
-        known = np.isfinite(v.sum(axis=1)) & is_known
+        possible = np.all(np.abs(v) < _LARGEST, axis=1)
+        known, v = possible & is_known, np.where(possible[:, None], v, 0.0)
         size = sensor.scale * length(v)
         biases = np.full(v.shape, sensor.bias) if bias is None else np.where(np.isfinite(bias), bias, sensor.bias)
-        sigmas = np.sqrt((sensor.white**2 + size * size)[:, None] + biases * biases)
+        sigmas = np.sqrt((sensor.white**2 + size * size)[:, None] + _variances(biases))
         rows[known, :3] = (v * _FLU)[known]
         rows[known, 3::4] = (sigmas * sigmas)[known]
     return rows
@@ -66,7 +76,7 @@ def imu_raw(samples: Records, unix_ns: Indices, sigmas: Sigmas) -> Cdr:
 def imu(solutions: Records, unix_ns: Indices, sigmas: Sigmas) -> Cdr:
     """sensor_msgs/msg/Imu, of rows of SOLUTION: without the biases, with gravity (REP-145)."""
     known = solutions["status"] & ATTITUDE_VALID != 0
-    covariance = _diagonal(solutions["sigma_rpy"] ** 2)
+    covariance = _diagonal(_variances(solutions["sigma_rpy"]))
     covariance[~known] = _NONE
     rates = _measured(solutions["w"], sigmas.gyro, bias=solutions["sigma_bg"])
     forces = _measured(solutions["f"], sigmas.accel, bias=solutions["sigma_ba"])
@@ -86,7 +96,7 @@ def _nav_sat_fix(
     unix_ns: Indices, frame: str, status: Any, position: Floats, sigma: Floats, kind: NDArray[np.int64]
 ) -> Cdr:
     """position: degrees, m; sigma: m, north east down. A height of NaN is not known."""
-    variances = np.stack(world(sigma.T), axis=1) ** 2
+    variances = _variances(np.stack(world(sigma.T), axis=1))
     blind = ~np.isfinite(position[:, 2])
     variances[blind, 2] = UNKNOWN_VAR
     kind = np.where(blind, np.minimum(kind, _APPROXIMATED), kind)
@@ -123,7 +133,7 @@ def receiver_fixes(fixes: Records, unix_ns: Indices, derived: Floats) -> Cdr:
 def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSigma | None) -> Cdr:
     """nav_msgs/msg/Odometry of the body in the map, of rows of SOLUTION with a position. place: ENU (n x 3), m."""
     sigmas = np.hstack([np.stack(world(solutions["sigma_p"].T), axis=1), solutions["sigma_rpy"]])
-    variances = sigmas * sigmas
+    variances = _variances(sigmas)
     variances[solutions["status"] & HEIGHT_VALID == 0, 2] = UNKNOWN_VAR
     message = Cdr(len(solutions)).header(unix_ns, MAP).text(BODY).doubles(place)
     message.quaternion(attitude(solutions["q_nb"].T)).doubles(_diagonal(variances))
@@ -140,7 +150,9 @@ def body_velocity(solutions: Records) -> tuple[Floats, Floats]:
     """Velocities in the body (FLU, n x 3) and their covariances (n x 3 x 3)."""
     found = np.empty(len(solutions), BODY_VELOCITY)
     body_velocities(np.ascontiguousarray(solutions), found)
-    return found["velocity"], found["covariance"].reshape(-1, 3, 3)
+    covariance = found["covariance"].reshape(-1, 3, 3)
+    covariance[~np.isfinite(covariance).all(axis=(1, 2))] = _LARGEST * _LARGEST * np.eye(3)
+    return found["velocity"], covariance
 
 
 def motion(unix_ns: Indices, map_to_odom: Floats, odom_to_body: Floats) -> Cdr:

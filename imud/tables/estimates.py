@@ -68,26 +68,34 @@ def _fill(cells: Floats, row: Any) -> None:
 @entry
 def _format(solutions: Any, origin: int, decimals: NDArray[np.int64], buffer: NDArray[np.uint8]) -> int:
     cells = np.empty(_CELLS)
-    before = np.empty(_CELLS)  # the row before, and where the text of each of its cells is
+    before = np.empty(_CELLS)  # the row before, and where the text of each of its cells is, with the comma before it
     begin = np.empty(_CELLS, np.int64)
-    length = np.empty(_CELLS, np.int64)
+    end = np.empty(_CELLS, np.int64)
     for i in range(_CELLS):
         before[i] = math.nan
     at = 0
     for k in range(len(solutions)):
         at = write_seconds(buffer, at, origin * 1_000_000_000 + solutions[k].t_ns)
         _fill(cells, solutions[k])
-        for i in range(_CELLS):
-            buffer[at] = _COMMA
-            at += 1
-            if cells[i] == before[i]:  # as sigmas and biases mostly
-                for j in range(MAX_WIDTH):  # of this length it is fast; what is too much is overwritten
-                    buffer[at + j] = buffer[begin[i] + j]
-                end = at + length[i]
+        i = 0
+        while i < _CELLS:
+            first = i
+            while i < _CELLS and cells[i] == before[i]:  # as sigmas and biases mostly
+                i += 1
+            if i > first:
+                start, shift = begin[first], at - begin[first]
+                for j in range(end[i - 1] - start):
+                    buffer[at + j] = buffer[start + j]
+                for j in range(first, i):
+                    begin[j] += shift
+                    end[j] += shift
+                at = end[i - 1]
             else:
-                end = write_fixed(buffer, at, cells[i], decimals[i])
-            before[i], begin[i], length[i] = cells[i], at, end - at
-            at = end
+                before[i], begin[i] = cells[i], at
+                buffer[at] = _COMMA
+                at = write_fixed(buffer, at + 1, cells[i], decimals[i])
+                end[i] = at
+                i += 1
         buffer[at] = _NEWLINE
         at += 1
     return at

@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-import msgspec
 import numpy as np
 
 from ...errors import CannotCreateError
@@ -48,13 +47,13 @@ class CsvFolder:
 
     def step(self, samples: "Records", solutions: "Records") -> None:
         """Rows of SAMPLE and SOLUTION."""
+        from ...tables.imu_table import write_rows
+
         if not self._begun:
             self._begin(bool(samples["down"].any()))
         tilt = [tilt_deg(samples["down"])] if self._has_tilt else []
         cells = np.column_stack([samples["w"], samples["f"], samples["temperature"], *tilt])
-        texts = msgspec.json.encode(cells.tolist())[2:-2].replace(b"null", b"").split(b"],[")  # NaN is null
-        times = map(_seconds, samples["t_ns"].tolist())
-        self._imu.write(b"".join(b"%s,%s\n" % (t.encode(), text) for t, text in zip(times, texts, strict=True)))
+        write_rows(self._imu, samples["t_ns"], cells)
         self._est.write(self._thinner.kept(solutions))
 
     def _begin(self, has_tilt: bool) -> None:

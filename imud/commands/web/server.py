@@ -137,7 +137,7 @@ def application(daemon: Address, control: bool, connections: Connections) -> web
     app = web.Application(middlewares=[_reject_foreign_requests])
     app[_BRIDGE], app[_CONTROL], app[_CONNECTIONS] = Bridge(daemon), control, connections
     app[_STATUS_LOCK] = asyncio.Lock()
-    plotly = gzip.compress(figures.plotly_js().encode(), 6)
+    plotly = gzip.compress(figures.plotly_js(), 6)
 
     async def plotly_js(_: web.Request) -> web.Response:
         headers = {"Content-Encoding": "gzip", "Cache-Control": "max-age=86400"}

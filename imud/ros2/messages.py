@@ -24,9 +24,8 @@ _NONE = [-1.0, *[0.0] * 8]
 _NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 _FLU = (1.0, -1.0, -1.0)  # of FRD
 UNKNOWN_VAR = 1e6  # of what is not known, where a message has no way to say so: a height, rates
-_LARGEST = (
-    1e9  # of a sigma, rate or force: more, or no number, is what a damaged state has; its square may not be finite
-)
+# Largest sigma, rate or force: more, or no number, is what a damaged state has, and its square may not be finite.
+_LARGEST = 1e9
 _NO_FIX, _FIX, _SATELLITE_AUGMENTED, _GROUND_AUGMENTED = -1, 0, 1, 2
 _STATUS_OF_QUALITY = {0: _NO_FIX, 2: _SATELLITE_AUGMENTED, 4: _GROUND_AUGMENTED, 5: _GROUND_AUGMENTED}  # of GGA
 _SERVICE_GPS = 1

@@ -258,13 +258,13 @@ def late_stamps():
 
 @golden("navigation")
 def late_positions():
-    """By 0.6 s from the start on, with positions alone, of an antenna beside the sensor."""
+    """By 0.6 s from the start on, with positions alone, of an antenna whose lever arm is given with a sigma."""
     d, rng, lever = road(110.0), random(87), (0.5, -0.4, -1.0)
     samples, fixes = sensed(d, rng), received(d, rng, every=0.5, sigma=0.02, white=0.01, hdop=0.05)
     fixes = silent(at_antenna(d, fixes, np.array(lever)))
     fixes["t_ns"] += 600_000_000
     fixes["arrival_ns"] = np.maximum(fixes["arrival_ns"], fixes["t_ns"])
-    return navigated(samples, fixes, lever_arm_m=lever)
+    return navigated(samples, fixes, lever_arm_m=lever, lever_arm_sigma_m=0.1)
 
 
 @golden("navigation")

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import functools
 import os
 import stat
 from pathlib import Path
@@ -66,6 +67,7 @@ def save_in(folders: list[Path], name: str, content: bytes) -> None:
     raise refused
 
 
+@functools.cache
 def boot_id() -> str:
     """Of the machine, another one after each boot."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -77,7 +77,7 @@ class SensorReduction:
     def __init__(self, name: str) -> None:
         self._name = name
         self._envelope = Envelope(len(_SENSED))
-        self._waiting: Records | None = None
+        self._waiting: list[Records] = []
         self._health: Records | None = None
         self.rate_hz = 0.0
         self.rows = 0
@@ -88,17 +88,19 @@ class SensorReduction:
         """The next SAMPLE rows; t_ns since the run's origin."""
         rows = rows.copy()
         if self._health is None:
-            self._waiting = rows if self._waiting is None else np.concatenate([self._waiting, rows])
-            if len(self._waiting) < _RATE_SAMPLES:
+            self._waiting.append(rows)
+            if sum(map(len, self._waiting)) < _RATE_SAMPLES:
                 return
-            rows, self._waiting = self._waiting, None
-            self._begin(rows)
+            rows = self._begin()
         self._reduce(rows)
 
-    def _begin(self, rows: Records) -> None:
+    def _begin(self) -> Records:
+        """Judge the rate by what has waited for that; returns it."""
+        rows, self._waiting = np.concatenate(self._waiting), []
         self.rate_hz = 1e9 / max(1.0, float(np.median(np.diff(rows["t_ns"]))))
         self._health = new_health(PROFILES["consumer-mems"], self.rate_hz)
         self._health["range"] = math.inf  # not known from a table
+        return rows
 
     def _reduce(self, rows: Records) -> None:
         assert self._health is not None
@@ -123,10 +125,9 @@ class SensorReduction:
     def close(self) -> Sensor | None:
         """The reduced samples; None: there were fewer than two."""
         if self._health is None:
-            if self._waiting is None or len(self._waiting) < 2:
+            if sum(map(len, self._waiting)) < 2:
                 return None
-            self._begin(self._waiting)
-            self._reduce(self._waiting)
+            self._reduce(self._begin())
         extremes, _, _, flags = self._envelope.close()
         columns = {name: extremes[:, i] for i, name in enumerate(_SENSED)}
         return Sensor(self._name, self.rate_hz, columns, flags, tuple(self._findings()))

@@ -52,6 +52,13 @@ def carried(corrections, seconds=20.0, at_s=8.0):
 
 @in_c
 @kernel
+def set_prior(c, hypothesis):
+    """Of a record: C has no array alone whose elements are all assigned at once."""
+    heading_posterior.set_prior(c, hypothesis.prior)
+
+
+@in_c
+@kernel
 def follow(p, c, signal, at, period, corrections):
     """Propagate through rates and forces, six numbers each; `at`: the sample behind which it is corrected."""
     for k in range(len(signal) // 6):
@@ -243,7 +250,7 @@ def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_m
     rows[0, ATTITUDE : ATTITUDE + 2] = G * 1j, -G  # i g (phi_n + i phi_e)
     rows[1, GYRO_BIAS : GYRO_BIAS + 3] = -1j * G * (C[0] + 1j * C[1])
     rows[2, ACCEL_BIAS : ACCEL_BIAS + 3] = -(C[0] + 1j * C[1])
-    posterior.set_prior(c, b["prior"])
+    set_prior(c, b)
     assert complex_(b["prior"]) == pytest.approx(0.5 * rows @ P @ rows.conj().T, rel=1e-9, abs=1e-12)
 
 

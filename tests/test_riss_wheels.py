@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from in_c import Module
 from riss_runs import RATE_HZ, SETTINGS, errors
 from simulated import motion, received, sensed
 from test_riss import UPPER, nominal, some_state
@@ -22,10 +23,12 @@ from imud.estimators.records import (
     ODOMETER_SOURCE,
     SOLUTION,
 )
-from imud.estimators.riss import state, wheels
+from imud.estimators.riss import state
+from imud.estimators.riss import wheels as wheel_kernels
 from imud.firmware_sim.rga300 import RGA300
 from imud.pipeline import Filter, Stored
 
+wheels = Module(wheel_kernels)
 SCALE = 0.02  # the wheels show so much too much
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pynmeagps
 import pytest
+from simulated import Remembering
 
 from imud.daemon import simulated
 from imud.firmware_sim.faults import spec
@@ -12,6 +13,7 @@ from imud.firmware_sim.other_sensors import KINDS, OtherSensor
 from imud.firmware_sim.scenarios import SCENARIOS
 
 CAR = Trajectory(SCENARIOS["car"](0.0, 0.0, 0.0), 35.6, 139.7, 60.0)
+REMEMBERED = Remembering(CAR)
 FIELDS = {"wheel": "longgroundspd", "baro": "data_01", "compass": "headingT"}
 UNITS = {"wheel": 1852.0 / 3600.0, "baro": 1e5, "compass": 1.0}
 
@@ -19,7 +21,7 @@ UNITS = {"wheel": 1852.0 / 3600.0, "baro": 1e5, "compass": 1.0}
 def said(name, seconds, faults="", **options):
     """(times, readings in SI units or degrees) of an emulated sensor, every sentence read by pynmeagps."""
     [own] = spec.parse(faults, [name])
-    sensor = OtherSensor(KINDS[name], CAR, np.random.default_rng(1), 38400, fault=FaultyReadings(own), **options)
+    sensor = OtherSensor(KINDS[name], REMEMBERED, np.random.default_rng(1), 38400, fault=FaultyReadings(own), **options)
     sensor.advance(seconds)
     data = sensor.uart.take(1e9, 38400)
     found = [pynmeagps.NMEAReader.parse(line + b"\r\n") for line in data.split(b"\r\n") if line]

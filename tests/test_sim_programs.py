@@ -5,6 +5,7 @@ import socket
 
 import numpy as np
 import pytest
+from simulated import Remembering
 
 from imud.commands.demo.aids import Aids
 from imud.configuration.settings import Settings
@@ -21,13 +22,14 @@ from imud.firmware_sim.scenarios import SCENARIOS
 from imud.sensors.aiding import DatagramDecoder
 
 CAR = Trajectory(SCENARIOS["car"](0.0, 0.0, 0.0), 35.6, 139.7, 60.0)
+REMEMBERED = Remembering(CAR)
 UTC = 1.7e9
 
 
 def said(name, seconds, faults="", ideal=True):
     """(times, what a program says at them)."""
     [own] = spec.parse(faults, [name])
-    with Program(name, CAR, np.random.default_rng(1), "127.0.0.1:9", UTC, own, ideal=ideal) as program:
+    with Program(name, REMEMBERED, np.random.default_rng(1), "127.0.0.1:9", UTC, own, ideal=ideal) as program:
         t = np.arange(1, round(10.0 * seconds) + 1) / 10.0
         return t, [json.loads(program.message(each)) for each in t]
 

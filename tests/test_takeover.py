@@ -103,9 +103,9 @@ def compared(rest_s, lean, turned_deg, seed, is_given=False):
     first, second = (Unit(name, d, rng, turn, settings) for name, turn in (("a", Rotation.identity()), ("b", sits)))
     spares = Spares(lambda _: None, settings)
     spares.add(second.port, DRIVER, second.configured, Calibration("b"), settings, (first.port, first.sensor), 0)
-    for begin in range(0, round(LOST_S * RATE), RATE // 2):
-        first.give(spares, first.sensor, begin, begin + RATE // 2)
-        second.give(spares, spares.sensors[second.port], begin, begin + RATE // 2)
+    for begin in range(0, round(LOST_S * RATE), RATE):
+        first.give(spares, first.sensor, begin, begin + RATE)
+        second.give(spares, spares.sensors[second.port], begin, begin + RATE)
         spares.update(first.port, first.sensor)
     spares.remove(first.port)
     return d, rng, settings, first, second, spares

@@ -18,6 +18,7 @@ from pathlib import Path
 
 FLAGS = (
     *("-std=gnu11", "-O3", "-w", "-pipe"),  # a pipe: an end by a signal leaves no file behind
+    "-fno-ipa-cp",  # copies of functions for constants: a sixth of the time to compile, and no faster
     *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fwrapv", "-fno-strict-aliasing"),
 )
 UNTRANSLATABLE = 3  # exit code of `python -m imud.compile`: a kernel has no translation, which no compiler mends

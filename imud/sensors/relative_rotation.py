@@ -78,20 +78,21 @@ class _Vectors:
         self._a2, self._b2 = self._a2 + weight * float(a @ a), self._b2 + weight * float(b @ b)
         self._ab, self._aa = self._ab + weight * np.outer(b, a), self._aa + weight * np.outer(a, a)
 
-    def profile(self) -> Floats:
-        """Attitude profile matrix: the sum of b a^T over the variances, of the deviations and of the mean."""
-        values, vectors = self._motion()
+    def profile(self, values: Floats, vectors: Floats) -> Floats:
+        """Attitude profile matrix: the sum of b a^T over the variances, of the deviations and of the mean.
+
+        values, vectors: see `motion`.
+        """
         seen = vectors[:, values > 0.0]
         of_deviations = self._deviations(self._b, self._a, self._ab) @ seen @ seen.T
         return np.asarray(of_deviations + np.outer(self._b, self._a) * self._of_direction)
 
-    def information(self) -> Floats:
+    def information(self, values: Floats, vectors: Floats) -> Floats:
         """Of the rotation, in the first sensor's axes, less what noise alone would seem to tell."""
-        values, vectors = self._motion()
         known = vectors @ np.diag(values) @ vectors.T + np.outer(self._a, self._a) * self._of_direction
         return np.asarray(np.eye(3) * np.trace(known) - known)
 
-    def _motion(self) -> tuple[Floats, Floats]:
+    def motion(self) -> tuple[Floats, Floats]:
         """Principal values of the deviations' sum, less what noise alone adds; 0 where there is no more; and axes."""
         values, vectors = np.linalg.eigh(self._deviations(self._a, self._a, self._aa))
         return np.where(values > _SEEN * self._count, values - self._count, 0.0), vectors
@@ -125,10 +126,12 @@ class RelativeRotation:
         """
         self._quantities = [_Vectors(each) for each in bias2]
         self._scale2, self._windows = scale2, 0
+        self._solved: dict[float, Rotation | None] = {}  # by prior sigma, from the windows so far
 
     def add(self, pairs: list[tuple[Floats, Floats, float]]) -> None:
         """Of one window, for each quantity the means of the first and the second sensor, and as `_Vectors.add`."""
         self._windows += 1
+        self._solved.clear()
         for vectors, pair in zip(self._quantities, pairs, strict=True):
             vectors.add(*pair)
 
@@ -137,16 +140,22 @@ class RelativeRotation:
 
         prior_sigma: rad, about each axis, of there being no rotation.
         """
+        if prior_sigma not in self._solved:
+            self._solved[prior_sigma] = self._solution(prior_sigma)
+        return self._solved[prior_sigma]
+
+    def _solution(self, prior_sigma: float) -> Rotation | None:
         if self._windows < _LEAST_WINDOWS:
             return None
         known_before = prior_sigma**-2
-        profile = sum((each.profile() for each in self._quantities), 0.5 * known_before * np.eye(3))
+        seen = [(each, each.motion()) for each in self._quantities]
+        profile = sum((each.profile(*motion) for each, motion in seen), 0.5 * known_before * np.eye(3))
         u, _, vt = np.linalg.svd(profile)
         turn = u @ np.diag((1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt))) @ vt
         kept = (1.0 - KEPT**self._windows) / (1.0 - KEPT)
         if sum(each.residual(turn) for each in self._quantities) > FITS * 3.0 * kept * len(self._quantities):
             return None
-        information = sum((each.information() for each in self._quantities), known_before * np.eye(3))
+        information = sum((each.information(*motion) for each, motion in seen), known_before * np.eye(3))
         values, vectors = np.linalg.eigh(information)
         variances = 1.0 / np.maximum(values, UNKNOWN_ANGLE**-2) + self._scale2
         return Rotation(turn.T, vectors @ np.diag(variances) @ vectors.T)

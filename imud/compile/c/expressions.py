@@ -1,8 +1,10 @@
 """Expressions of a kernel as C. Each gives its text in C and its kind."""
 
 import ast
+import functools
 import inspect
 from collections.abc import Callable, Mapping
+from types import CodeType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,28 +41,29 @@ class Expressions:
     def __init__(self, unit: Unit, python: Callable[..., Any], variables: Mapping[str, Kind]) -> None:
         """variables: the kinds of the function's arguments and local variables, as far as they are known."""
         self.unit, self._python, self._variables = unit, python, variables
-        self._first_line = python.__code__.co_firstlineno
+        self._known: dict[ast.expr, Any] = {}  # constants
         cells = inspect.getclosurevars(python).nonlocals
         self._names = {**python.__globals__, **cells}
 
-    def line(self, node: ast.AST) -> int:
-        """Where this stands in the file of the function."""
-        return self._first_line + getattr(node, "lineno", 1) - 1
-
     def fail(self, node: ast.AST, what: str) -> NoReturn:
         """Raise UnsupportedError for this part of the function."""
-        where = f"{inspect.getsourcefile(self._python)}:{self.line(node)}"
+        where = f"{inspect.getsourcefile(self._python)}:{getattr(node, 'lineno', 1)}"
         raise UnsupportedError(f"{where}: C has no translation of this {what}: {ast.unparse(node)}")
 
     def constant(self, node: ast.expr) -> Any:
         """The value of an expression that is known while translating, else None. What a kernel returns is not."""
+        if not _names(node).isdisjoint(self._variables):
+            return None
+        if node not in self._known:
+            self._known[node] = self._evaluate(node)
+        return self._known[node]
+
+    def _evaluate(self, node: ast.expr) -> Any:
         for part in ast.walk(node):
-            if isinstance(part, ast.Name) and part.id in self._variables:
-                return None
             if isinstance(part, ast.Call) and is_kernel(self.constant(part.func)):
                 return None
         try:
-            return eval(compile(ast.Expression(node), "", "eval"), self._names)
+            return eval(_code(node), self._names)
         except Exception:
             return None
 
@@ -174,6 +177,18 @@ class Expressions:
                 self.fail(node, "comparison")
             left = right
         return f"({' && '.join(parts)})", BOOL
+
+
+@functools.cache
+def _names(node: ast.AST) -> frozenset[str]:
+    if isinstance(node, ast.Name):
+        return frozenset((node.id,))
+    return frozenset().union(*map(_names, ast.iter_child_nodes(node)))
+
+
+@functools.cache
+def _code(node: ast.expr) -> CodeType:
+    return compile(ast.Expression(node), "", "eval")
 
 
 def is_kernel(value: Any) -> bool:

@@ -1,8 +1,8 @@
 """One function of a kernel as C: its statements, and the kinds of its variables."""
 
 import ast
+import functools
 import inspect
-import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,8 +20,8 @@ class Body:
     """One function for one choice of argument kinds. `returns` and `text` are filled by `translate`."""
 
     def __init__(self, unit: Unit, python: Callable[..., Any], kinds: Sequence[Kind]) -> None:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
-        self._tree = next(node for node in tree.body if isinstance(node, ast.FunctionDef))
+        lines, _ = inspect.findsource(python)
+        self._tree = _functions("".join(lines))[python.__code__.co_firstlineno]
         self._arguments = dict(zip([a.arg for a in self._tree.args.args], kinds, strict=True))
         self._variables: dict[str, Kind] = dict(self._arguments)
         self._arrays: set[str] = set()  # that stand on the stack
@@ -40,7 +40,7 @@ class Body:
         for _ in range(_PASSES):
             before = dict(self._variables), self.returns
             self._lines: list[str] = []
-            self._serial, self._line = 0, self._of.line(self._tree)
+            self._serial, self._line = 0, self._tree.lineno
             self._block(self._tree.body, 1)
             if before == (self._variables, self.returns):
                 break
@@ -56,7 +56,7 @@ class Body:
     @property
     def line_directive(self) -> str:
         """The line of C that says to which line of Python what follows belongs; empty unless the unit has lines."""
-        return "" if self._file is None else f'#line {self._of.line(self._tree)} "{self._file}"\n'
+        return "" if self._file is None else f'#line {self._tree.lineno} "{self._file}"\n'
 
     def _put(self, depth: int, text: str) -> None:
         if self._file is not None:
@@ -70,7 +70,7 @@ class Body:
     def _block(self, body: list[ast.stmt], depth: int) -> None:
         outer = self._line
         for node in body:
-            self._line = self._of.line(node)
+            self._line = node.lineno
             try:
                 self._statement(node, depth)
             except ConflictError as error:
@@ -259,6 +259,17 @@ class Body:
             self._of.fail(node, "array")
         self._variables[target.id] = Array(STORAGE[dtype.str[1:]], size)
         self._arrays.add(target.id)
+
+
+@functools.cache
+def _functions(text: str) -> dict[int, ast.FunctionDef]:
+    """The functions of a file, by the line with which each begins."""
+    return {_first_line(node): node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
+
+
+def _first_line(function: ast.FunctionDef) -> int:
+    """That of the first decorator."""
+    return function.decorator_list[0].lineno if function.decorator_list else function.lineno
 
 
 def parameters(arguments: dict[str, Kind]) -> list[tuple[str, str]]:

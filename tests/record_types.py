@@ -58,6 +58,7 @@ INS = {
     "CompassOffset": glr_tests.COMPASS_OFFSET,
     "Current": glr_tests.CURRENT,
     "GyroBiasStep": glr_tests.GYRO_BIAS_STEP,
+    "LeverArmError": glr_tests.LEVER_ARM_ERROR,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,
     "ExternalAid": aiding.EXTERNAL_AID,

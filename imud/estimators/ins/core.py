@@ -26,6 +26,7 @@ from .glr_tests.records import (
     DRIFT,
     FAULT_SENSITIVITIES,
     GYRO_BIAS_STEP,
+    LEVER_ARM_ERROR,
     TIME_OFFSET_STEP,
     VELOCITY_DRIFT,
 )
@@ -289,6 +290,7 @@ REWOUND = [  # what a rewind restores
     ("velocity_drift", VELOCITY_DRIFT),
     ("compass_offset", COMPASS_OFFSET),
     ("current", CURRENT),
+    ("lever_arm_error", LEVER_ARM_ERROR),
     ("alignment", ALIGNMENT),
     ("barometer", BAROMETER),
     ("heading_aid", HEADING_AID),

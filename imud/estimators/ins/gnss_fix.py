@@ -44,6 +44,7 @@ from .glr_tests.gyro_bias_step import (
     explained_by_gyro_bias_step,
     reset_gyro_bias_step,
 )
+from .glr_tests.lever_arm_error import detect_lever_arm_error, explained_by_lever_arm_error, reset_lever_arm_error
 from .glr_tests.time_offset_step import (
     detect_time_offset_step,
     explained_by_time_offset_step,
@@ -141,6 +142,18 @@ def check_drift(p: Parameters, c: Core) -> None:
 
 
 @kernel
+def check_lever_arm(p: Parameters, c: Core) -> None:
+    """Whether the lever arm is given wrong; not while the receiver drifts."""
+    if c.drift.detected != 0:
+        reset_lever_arm_error(c)
+        return
+    otherwise = max(explained_by_time_offset_step(c), explained_by_gyro_bias_step(p, c), explained_by_drift(p, c))
+    if detect_lever_arm_error(p, c, otherwise):
+        correct_state(p, c)
+        restart_in_motion_alignment(c)
+
+
+@kernel
 def check_time_offset(p: Parameters, c: Core) -> None:
     """Whether the stamps have stepped; a drift, a wrong heading, a departure taken for rest look like that."""
     uncertain = is_unconfirmed(c) or variance(c, ATTITUDE + 2) > p.tuning.max_step_heading_sigma**2
@@ -151,6 +164,7 @@ def check_time_offset(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
+        reset_lever_arm_error(c)
 
 
 @kernel
@@ -159,7 +173,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
         reset_gyro_bias_step(c)
         return
-    otherwise = explained_by_time_offset_step(c)
+    otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
     if wheels_support(p, c):
@@ -167,6 +181,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
+        reset_lever_arm_error(c)
 
 
 @kernel
@@ -198,6 +213,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     compare_heights(p, c, fix)
     heading_ok = check_given_heading(p, c)
     check_drift(p, c)
+    check_lever_arm(p, c)
     check_time_offset(p, c)
     check_gyro_bias(p, c)
     decay_reset_score(p, c)

@@ -63,7 +63,14 @@ from .alignment import (
     velocity_pairs,
     whitening,
 )
-from .glr_tests import compass_offset, gnss_drift, gyro_bias_step, time_offset_step, velocity_drift
+from .glr_tests import (
+    compass_offset,
+    gnss_drift,
+    gyro_bias_step,
+    lever_arm_error,
+    time_offset_step,
+    velocity_drift,
+)
 from .integrity import alternating_receiver, frozen_receiver, gravity_monitor, heading_monitor, velocity_discrepancy
 from .state import AUTO, FREE, LAND
 
@@ -129,6 +136,7 @@ TUNABLES = (
     *compass_offset.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,
+    *lever_arm_error.TUNABLES,
     *process_noise.TUNABLES,
     *velocity_epoch.TUNABLES,
     *filter.TUNABLES,

@@ -56,6 +56,7 @@ ONSETS = 3  # times at which the receiver may have begun to drift
 # of four are faster
 DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, CURRENT_FAULT = 0, 6, 7, 11, 12
 VELOCITY_DRIFT_FAULT, FAULTS = 14, 24
+LEVER_ARM_FAULT = VELOCITY_DRIFT_FAULT  # where there are no wheels
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 AGES, NO_AGE, AGE_STEP_NS = 21, 5, 100_000_000  # ages of a source: -0.5 to 1.5 s; which of them is none
 BANKS = 32  # fixes of which the hypothesis bank is kept

@@ -327,6 +327,9 @@ class Tuning:
     gyro_bias_step_share: float
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
+    lever_arm_error_chi2: float
+    min_lever_arm_error: float
+    lever_arm_error_share: float
     vibration_vrw: float
     vibration_arw: float
     process_noise_prior: float

@@ -359,6 +359,14 @@ class GyroBiasStep:
     count: Reals
 
 
+class LeverArmError:
+    onset_ns: int
+    vector: Reals
+    information: Reals
+    energy: float
+    count: float
+
+
 class Alignment:
     mode: int
     heading_sigma: float
@@ -589,6 +597,7 @@ class Snapshot:
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
     current: Current
+    lever_arm_error: LeverArmError
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid
@@ -622,6 +631,7 @@ class Core:
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
     current: Current
+    lever_arm_error: LeverArmError
     alignment: Alignment
     barometer: Barometer
     heading_aid: HeadingAid

@@ -15,6 +15,7 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
 | COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
 | CURRENT_FAULT        | 2           | current north, east, m/s                        | 0                    | minus the axis, for the constraint  |
+| LEVER_ARM_FAULT      | 2           | error of the lever arm ahead, to the right, m   | C_nb: position       | C_nb for a position, C_nb [w x] for a velocity |
 | VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
 V has rows for the boresights (`boresights`), too. Once a fault is found, x -= V d removes what it has done, and
@@ -32,6 +33,7 @@ from ....compile.jit import kernel, unrolled
 from ..boresights import any_boresight, has_boresight, remove_drift_from_boresights
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
+from ..mechanization import rotation_matrix
 from ..state import (
     BORESIGHTS,
     COMPASS_AXIS,
@@ -41,6 +43,7 @@ from ..state import (
     DRIFT_FAULT,
     FAULTS,
     HEADING_AXIS,
+    LEVER_ARM_FAULT,
     NAVIGATING,
     NEVER_NS,
     ONSETS,
@@ -95,6 +98,8 @@ def columns_in_use(c: Core) -> int:
     """How many columns of V are followed at an update."""
     if all_in_use(c):
         return FAULTS
+    if c.lever_arm_error.onset_ns != NEVER_NS:
+        return LEVER_ARM_FAULT + 2
     return VELOCITY_DRIFT_FAULT if c.nhc.enabled else CURRENT_FAULT
 
 
@@ -109,6 +114,8 @@ def propagate_sensitivities(c: Core, transition: Transition) -> None:
         apply_transition(c.faults.sensitivity, COMPASS_FAULT, transition)
     elif all_in_use(c):
         apply_transition(c.faults.sensitivity, FAULTS, transition)
+    elif c.lever_arm_error.onset_ns != NEVER_NS:
+        apply_transition(c.faults.sensitivity, LEVER_ARM_FAULT + 2, transition)
     elif c.nhc.enabled:
         apply_transition(c.faults.sensitivity, VELOCITY_DRIFT_FAULT, transition)
     else:
@@ -123,6 +130,8 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
     """
     if all_in_use(c):
         predict_from_errors(c, length, FAULTS)
+    elif c.lever_arm_error.onset_ns != NEVER_NS:
+        predict_from_errors(c, length, LEVER_ARM_FAULT + 2)
     elif c.nhc.enabled:
         predict_from_errors(c, length, VELOCITY_DRIFT_FAULT)
     else:
@@ -131,6 +140,8 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)
+        if c.lever_arm_error.onset_ns != NEVER_NS and not all_in_use(c):
+            add_lever_arm_error(c, axis)
     elif axis == CONSTRAINT_AXIS:
         for i in range(2):  # the Jacobian begins with the velocity's
             c.scratch.fault_innovation[CURRENT_FAULT + i] -= c.scratch.values[i]
@@ -172,10 +183,21 @@ def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float
 
 
 @kernel
+def add_lever_arm_error(c: Core, axis: int) -> None:
+    """b of an error of the lever arm ahead and to the right: how the antenna's position or velocity changes by it."""
+    C_nb, by_lever_arm = rotation_matrix(c), c.scratch.velocity_epoch.by_lever_arm
+    for j in range(2):
+        b = C_nb[3 * (axis - POSITION_AXIS) + j] if axis < VELOCITY_AXIS else by_lever_arm[axis - VELOCITY_AXIS, j]
+        c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += b
+
+
+@kernel
 def update_sensitivities(c: Core) -> None:
     """V <- V + K (b - h V) before the scalar update that follows, whose gains are in scratch."""
     if all_in_use(c):
         follow_update(c, FAULTS)
+    elif c.lever_arm_error.onset_ns != NEVER_NS:
+        follow_update(c, LEVER_ARM_FAULT + 2)
     elif c.nhc.enabled:
         follow_update(c, VELOCITY_DRIFT_FAULT)
     else:

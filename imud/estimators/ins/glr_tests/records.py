@@ -59,6 +59,17 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
     align=True,
 )
 
+LEVER_ARM_ERROR = np.dtype(  # the test for a lever arm that is given wrong (GLR)
+    [
+        ("onset_ns", "<i8"),
+        ("vector", "<f8", (2,)),  # 1/m, information times error ahead and to the right
+        ("information", "<f8", (3,)),  # 1/m^2, of the error: xx, xy, yy
+        ("energy", "<f8"),  # sum of the normalised innovations squared
+        ("count", "<f8"),  # number of these
+    ],
+    align=True,
+)
+
 COMPASS_OFFSET = np.dtype(  # the test for a compass that shows a wrong heading (GLR)
     [
         ("onset_ns", "<i8"),  # when its headings were used first

@@ -6,6 +6,7 @@ import numpy as np
 from golden_data import RATE, data, navigated, random, road, turned
 from golden_external import external
 from golden_run import golden
+from navigation_simulation import received, sensed
 from vehicle_simulation import vehicle
 
 from imud.configuration.settings import Aiding, Navigation, Noise, Settings
@@ -413,3 +414,13 @@ def magnetometer_turned_from_the_start():
     gone = (d.t >= 80.0) & (d.t < 82.5)
     samples["flags"][gone], samples["outage_s"][gone], samples["w"][gone] = NO_RATE, d.t[gone] - 80.0, np.nan
     return replace(navigated(samples, fixes), settings=settings, measurements=rows)
+
+
+@golden("navigation")
+def compass_and_a_wrong_lever_arm():
+    """Of a receiver of centimetres, by a metre to the right."""
+    d, rng = road(110.0, rest=15.0), random(89)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1, sigma=0.01, white=0.01)
+    fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
+    run = navigated(samples, fixes, lever_arm_m=(0.0, 1.0, 0.0))
+    return replace(run, measurements=headings(d, seed=90))

@@ -16,7 +16,7 @@ from imud.daemon.status_reporter import StatusReporter
 from imud.estimators.ins.aiding.gnss_noise import set_gnss_lever_arm
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import GNSS_LEVER_ARM, NAVIGATING, STATES
+from imud.estimators.ins.state import ATTITUDE, GNSS_LEVER_ARM, LEVER_ARM_FAULT, NAVIGATING, POSITION, STATES
 from imud.estimators.ins.velocity_epoch import find_velocity_epoch
 from imud.math.kalman import packed_index, unpack
 from imud.process.contained import ContainedErrors
@@ -131,6 +131,37 @@ def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_metres():
     runs = [run(seed, False, "auto", mistake=np.array([0.0, 1.0, 0.0])) for seed in range(4)]
     assert np.abs([e[1] for e, _, _, _ in runs]).max() < 0.3
     assert all((np.abs(of[2][:, 2]) < 4.0 * sigmas[2][:, 2]).all() for _, _, of, sigmas in runs)
+
+
+@pytest.mark.parametrize("mistake", [(0.0, 1.0, 0.0), (-1.2, 0.0, 0.0)])
+def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_centimetres(mistake):
+    """By the GLR test, and estimated from there on; without it the position is wrong by the metre."""
+    for seed in range(3):
+        error, P, of, sigmas = run(seed, True, "auto", mistake=np.array(mistake))
+        assert np.abs(error[:2]).max() < 0.3
+        assert (np.abs(error) < 4.0 * np.sqrt(np.diag(P))).all()
+        assert np.sqrt(np.mean(of[0][-20:, :2] ** 2)) < 0.3
+        assert (np.abs(of[2][-20:, 2]) < 4.0 * sigmas[2][-20:, 2]).all()
+
+
+def test_what_an_error_does_is_predicted():
+    """Against the difference of two runs, one with a lever arm that is given wrong by a tenth of a millimetre."""
+    rng, d, off = np.random.default_rng(4), drive(60.0), 1e-4
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, late=0.1, sigma=0.0, white=0.02), TRUE)
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    for j in range(2):
+        cores = []
+        for wrong in (0.0, off):
+            given = TRUE - wrong * np.eye(3)[j]
+            filter_ = new_filter("navigation", samples, Settings(navigation=Navigation(lever_arm_m=tuple(given))))
+            replay(filter_, samples, fixes)
+            cores.append(filter_.state["core"][0, 0])
+        V = cores[0]["faults"]["sensitivity"][:, LEVER_ARM_FAULT + j]
+        turned = 2.0 * (cores[1]["nav"]["q_nb"] - cores[0]["nav"]["q_nb"])[3] / cores[0]["nav"]["q_nb"][0] / off
+        moved = (cores[1]["nav"]["lat"] - cores[0]["nav"]["lat"]) * 6.38e6 / off
+        assert V[POSITION] == pytest.approx(moved, abs=0.1)
+        assert V[ATTITUDE + 2] == pytest.approx(turned, abs=0.02)
+        assert max(abs(moved), abs(turned)) > 0.1
 
 
 @pytest.mark.parametrize(("mistake", "expected"), [(1.0, 1), (0.1, 0)])

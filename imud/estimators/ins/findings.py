@@ -27,7 +27,7 @@ def findings(parameters: Records, state: Records) -> tuple[str, ...]:
 
 def _is_elsewhere(c: np.void) -> bool:
     """Whether the estimated lever arm contradicts the one of the settings."""
-    if c["alignment"]["mode"] != NAVIGATING or not c["gnss"]["given_lever_arm_sigma"] > 0.0:
+    if c["alignment"]["mode"] != NAVIGATING:
         return False
     away = np.abs(c["nav"]["gnss_lever_arm"] - c["gnss"]["given_lever_arm"])
     sigma = np.sqrt(np.maximum(c["cov"]["P"][_ARM_IN_P], 0.0))

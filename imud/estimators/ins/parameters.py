@@ -150,7 +150,7 @@ PARAMETERS = np.dtype(
         ("period", "<f8"),  # s, nominal time between samples
         ("gnss_lever_arm", "<f8", (3,)),  # m, antenna from IMU, body
         ("lever_arm_is_set", "<i8"),  # 1: by the user
-        ("lever_arm_sigma", "<f8"),  # m, of each of its components; 0: they are not estimated; NaN: not set
+        ("lever_arm_sigma", "<f8"),  # m, of each of its components; 0: they are not estimated; -1: not set
         ("heading_boresight", "<f8"),  # rad, heading of the compass less that of the body
         ("heading_boresight_sigma", "<f8"),  # rad; 0: not given
         ("odometer_lever_arm", "<f8", (3,)),  # m, wheel from IMU, body
@@ -186,7 +186,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gnss_lever_arm"] = settings.navigation.lever_arm_m
     sigma = settings.navigation.lever_arm_sigma_m
     r["lever_arm_is_set"] = any(settings.navigation.lever_arm_m)
-    r["lever_arm_sigma"] = math.nan if sigma == "auto" else sigma
+    r["lever_arm_sigma"] = -1.0 if sigma == "auto" else sigma
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     boresight_sigma = settings.aiding.heading_boresight_sigma_deg
     r["heading_boresight_sigma"] = 0.0 if boresight_sigma == "auto" else math.radians(boresight_sigma)

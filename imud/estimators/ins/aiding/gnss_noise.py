@@ -135,7 +135,7 @@ def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
     From the first position of centimetres on a lever arm that is given is exact: such positions show its error, but
     also those of the time stamps, which look the same at a constant speed.
     """
-    if math.isfinite(p.lever_arm_sigma):
+    if p.lever_arm_sigma >= 0.0:
         return float(p.lever_arm_sigma)
     if not p.lever_arm_is_set:
         return float(p.tuning.unset_lever_arm_sigma)

@@ -40,6 +40,8 @@ from ..state import (
     COMPASS_FAULT,
     CONSTRAINT_AXIS,
     CURRENT_FAULT,
+    DOWN_POSITION_AXIS,
+    DOWN_VELOCITY_AXIS,
     DRIFT_FAULT,
     FAULTS,
     HEADING_AXIS,
@@ -140,13 +142,13 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
         for j in range(ONSETS):
             add_drift(c, axis, c.drift.onset_ns[j], DRIFT_FAULT + 2 * j, 0.0)
             add_drift(c, axis, c.velocity_drift.onset_ns[j], VELOCITY_DRIFT_FAULT + 3 * j, 1.0)
-        if c.lever_arm_error.onset_ns != NEVER_NS and not all_in_use(c):
-            add_lever_arm_error(c, axis)
     elif axis == CONSTRAINT_AXIS:
         for i in range(2):  # the Jacobian begins with the velocity's
             c.scratch.fault_innovation[CURRENT_FAULT + i] -= c.scratch.values[i]
     elif axis in (HEADING_AXIS, COMPASS_AXIS) and c.compass_offset.onset_ns != NEVER_NS:
         c.scratch.fault_innovation[COMPASS_FAULT] += 1.0
+    if c.lever_arm_error.onset_ns != NEVER_NS:
+        add_lever_arm_error(c, axis)
     if has_boresight(axis):
         predict_from_boresights(c)
 
@@ -187,8 +189,12 @@ def add_lever_arm_error(c: Core, axis: int) -> None:
     """b of an error of the lever arm ahead and to the right: how the antenna's position or velocity changes by it."""
     C_nb, by_lever_arm = rotation_matrix(c), c.scratch.velocity_epoch.by_lever_arm
     for j in range(2):
-        b = C_nb[3 * (axis - POSITION_AXIS) + j] if axis < VELOCITY_AXIS else by_lever_arm[axis - VELOCITY_AXIS, j]
-        c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += b
+        if axis == DOWN_POSITION_AXIS or POSITION_AXIS <= axis < VELOCITY_AXIS:
+            i = 2 if axis == DOWN_POSITION_AXIS else axis - POSITION_AXIS
+            c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += C_nb[3 * i + j]
+        elif axis == DOWN_VELOCITY_AXIS or axis >= VELOCITY_AXIS:
+            i = 2 if axis == DOWN_VELOCITY_AXIS else axis - VELOCITY_AXIS
+            c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += by_lever_arm[i, j]
 
 
 @kernel

@@ -1,7 +1,8 @@
 """GLR test for a lever arm that is given wrong: positions of centimetres then turn about another point.
 
-It runs while the lever arm counts as exact, on land vehicles without an odometer: on a straight way the antenna's
-place in the vehicle does not matter, and in turns a wrong one bends heading and velocity until positions are rejected.
+It runs while the lever arm counts as exact because its sigma is not given, and there is no odometer, whose test has the
+same columns. On a straight way the antenna's place in the vehicle does not matter; in turns a wrong one bends heading
+and velocity, until positions are rejected.
 An error d of the lever arm, ahead and to the right, is a fault of `fault_sensitivity` since an onset, when the position
 had it already: V is C_nb at POSITION then. All innovations of positions and velocities since, also rejected ones, give
 its size, with the prior of a lever arm that is not set. Errors of less than `min_lever_arm_error` are left: those of
@@ -54,12 +55,6 @@ def reset_lever_arm_error(c: Core) -> None:
 
 
 @kernel
-def is_lever_arm_tested(c: Core) -> bool:
-    """Whether the test has its columns, which are those of a receiver's drift where there are wheels."""
-    return bool(c.lever_arm_error.onset_ns != NEVER_NS and c.velocity_drift.onset_ns[0] == NEVER_NS)
-
-
-@kernel
 def open_lever_arm_error(c: Core) -> None:
     """The onset is now: the position has the error already."""
     g, C_nb = c.lever_arm_error, rotation_matrix(c)
@@ -76,7 +71,7 @@ def open_lever_arm_error(c: Core) -> None:
 @kernel
 def add_to_lever_arm_error(p: Parameters, c: Core, z: float, s: float, r: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not; call before its update; r, axis: see `weight_of`."""
-    if not is_lever_arm_tested(c):
+    if c.lever_arm_error.onset_ns == NEVER_NS:
         return
     g, weight = c.lever_arm_error, weight_of(p, c, s, r, axis)
     x, y = c.scratch.fault_innovation[LEVER_ARM_FAULT], c.scratch.fault_innovation[LEVER_ARM_FAULT + 1]
@@ -104,7 +99,7 @@ def find_lever_arm_error(p: Parameters, c: Core) -> tuple[float, float, float, f
 @kernel
 def explained_by_lever_arm_error(p: Parameters, c: Core) -> float:
     """Sum of the normalised innovations squared that an error of the lever arm explains."""
-    if not is_lever_arm_tested(c):
+    if c.lever_arm_error.onset_ns == NEVER_NS:
         return 0.0
     x, y, _, _, _, _ = find_lever_arm_error(p, c)
     return float(x * c.lever_arm_error.vector[0] + y * c.lever_arm_error.vector[1])
@@ -135,11 +130,12 @@ def detect_lever_arm_error(p: Parameters, c: Core, explained_otherwise: float) -
     explained_otherwise: sum of the normalised innovations squared that another cause explains; an error has to explain
     more.
     """
-    exact = variance(c, GNSS_LEVER_ARM) == 0.0 and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
-    if not (exact and c.alignment.mode == NAVIGATING and c.nhc.enabled):
+    by_default = p.lever_arm_sigma < 0.0 and variance(c, GNSS_LEVER_ARM) == 0.0
+    precise = c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
+    if not (by_default and precise and c.alignment.mode == NAVIGATING and c.velocity_drift.onset_ns[0] == NEVER_NS):
         reset_lever_arm_error(c)
         return False
-    if not is_lever_arm_tested(c):
+    if c.lever_arm_error.onset_ns == NEVER_NS:
         open_lever_arm_error(c)
         return False
     x, y, xx, xy, yy, chi2 = find_lever_arm_error(p, c)

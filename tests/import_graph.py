@@ -4,6 +4,7 @@ An `__init__.py` may hand names on to type checkers, as `imud` does: there, what
 """
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,20 +20,40 @@ def _module(path: Path, root: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _statements(path: Path) -> Iterator[ast.AST]:
-    tree = ast.parse(path.read_text())
-    if path.name == "__init__.py":
-        tree.body = [node for node in tree.body if ast.unparse(node).partition("\n")[0] != "if TYPE_CHECKING:"]
-    return ast.walk(tree)
+@functools.cache
+def import_statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    """Those of a file, wherever in it."""
+    return [node for node in _within(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+def _within(node: ast.AST) -> Iterator[ast.AST]:
+    """The statements in this one, at any depth; `ast.walk` would look at every expression, too."""
+    for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for inner in getattr(node, field, ()):
+            yield inner
+            yield from _within(inner)
+
+
+def _of_run_time(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    if path.name != "__init__.py":
+        return import_statements(path)
+    for_types = [
+        inner
+        for node in ast.parse(path.read_text()).body
+        if ast.unparse(node).partition("\n")[0] == "if TYPE_CHECKING:"
+        for inner in _within(node)
+    ]
+    lines = {inner.lineno for inner in for_types if isinstance(inner, ast.stmt)}
+    return [statement for statement in import_statements(path) if statement.lineno not in lines]
 
 
 def _imported(path: Path, root: Path) -> Iterator[tuple[str, str]]:
     """(module, name in it or "") for each import, absolute."""
     package = path.relative_to(root).parts[:-1]
-    for node in _statements(path):
+    for node in _of_run_time(path):
         if isinstance(node, ast.Import):
             yield from ((in_folders(alias.name), "") for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             stem = package[: len(package) + 1 - node.level] if node.level else ()
             module = in_folders(".".join((*stem, *filter(None, [node.module]))))
             yield from ((module, alias.name) for alias in node.names)

@@ -1,13 +1,12 @@
 """Which package, folder and file may import what, read from the import statements themselves."""
 
 import ast
-import functools
 import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from import_graph import import_graph, in_folders
+from import_graph import import_graph, import_statements, in_folders
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("imud", "drivers", "firmware_sim")
@@ -124,12 +123,6 @@ ONLY = {
     "drivers/transport": {"serial", "spidev", "gpiod", "drivers"},
 }
 PORTS = {"serial", "termios", "fcntl", "socket", "select", "time"}  # and waiting: not the business of a device's driver
-
-
-@functools.cache
-def import_statements(path):
-    """Those of a file, wherever in it."""
-    return [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def origin(path, node):

@@ -14,7 +14,7 @@ An error-state Kalman filter around a strapdown mechanization. In the order of t
 | `aiding/` | one file a source: its Jacobian, noise and gate |
 | `fusion`, `ekf` | one update of the Kalman filter; `process_noise`: learned from the innovations |
 | `alignment/` | roll, pitch and heading before navigation, and the modes |
-| `glr_tests/` | faults sought in every update: a drift, a step of time tags or gyro bias, a wrong compass, a current |
+| `glr_tests/` | faults sought in every update: of receiver, time tags, gyro bias, compass, lever arm; a current |
 | `integrity/` | other fault detection: a frozen or alternating receiver, a contradicted heading or gyro bias |
 | `state`, `core`, `parameters` | the error states; the records, a concern each; the tunables |
 | `solution`, `filter_states`, `findings` | what comes out; what is estimated beside it; what contradicts the settings |

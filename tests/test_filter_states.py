@@ -14,7 +14,7 @@ from test_navigation_barometer import pressures
 from test_navigation_odometer import readings
 
 from imud.batch import NO_MEASUREMENT, play
-from imud.configuration.settings import Imu, Settings
+from imud.configuration.settings import Imu, Navigation, Settings
 from imud.drivers.sample import MOUNTING_UNKNOWN
 from imud.estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
 from imud.estimators.ins.state import STATES as ERROR_STATES
@@ -38,8 +38,8 @@ def driven():
     return played(samples, fixes, rows[np.argsort(rows["arrival_ns"], kind="stable")])
 
 
-def played(samples, fixes, measurements=NO_MEASUREMENT):
-    filter_, table, out = new_filter("navigation", samples), FilterStates(), []
+def played(samples, fixes, measurements=NO_MEASUREMENT, settings=None):
+    filter_, table, out = new_filter("navigation", samples, settings), FilterStates(), []
     play(
         filter_,
         samples.copy(),
@@ -157,7 +157,8 @@ def test_a_source_that_is_not_there_has_no_column(driven):
     d = drive(60.0)
     fixes = received(d, rng)
     fixes["speed"] = fixes["course"] = np.nan
-    positions = cells(played(sensed(d, rng), fixes)[2])
+    at_sensor = Settings(navigation=Navigation(lever_arm_sigma_m=0.0))
+    positions = cells(played(sensed(d, rng), fixes, settings=at_sensor)[2])
     names = set(positions) - set(COVARIANCES)
     assert {"time_offset_s", "stime_offset_s", "gnss_bias_n_m", "gnss_noise_vertical_m", "gyro_scale_zz"} <= names
     others = ("odometer", "baro", "age", "velocity_time", "gnss_velocity", "gnss_lever")

@@ -37,7 +37,6 @@ POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 
 OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
 CONSTRAINT_AXIS = -4  # of the non-holonomic constraint
 BODY_VELOCITY_AXIS = -5  # of another system, in its own axes
-DOWN_POSITION_AXIS, DOWN_VELOCITY_AXIS = -6, -7  # of a GNSS position and velocity
 HEADING_BORESIGHT, VELOCITY_BORESIGHT, BORESIGHTS = 0, 1, 4  # error states beside P: see `boresights`
 # places in small arrays
 HORIZONTAL, VERTICAL = 0, 1  # of what a receiver's position has

@@ -22,11 +22,11 @@ from ..lever_arm import antenna_position, arm_position_row, attitude_row, veloci
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import (
     ATTITUDE,
-    DOWN_POSITION_AXIS,
     GNSS_BIAS,
     GNSS_LEVER_ARM,
     HORIZONTAL,
     NAVIGATING,
+    OTHER_AXIS,
     POSITION,
     POSITION_AXIS,
     TIME_OFFSET,
@@ -170,7 +170,7 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
         accepted = horizontal if i < 2 else height
         r = c.gnss.noise_var[i // 2] + extra + (receiver_share if i < 2 else 0.0)
         length, gate = position_jacobian(c, lever, i), NO_GATE if accepted else REJECT
-        value, s, nis = fix_update(p, c, length, z[i], r, gate, POSITION_AXIS + i if i < 2 else DOWN_POSITION_AXIS)
+        value, s, nis = fix_update(p, c, length, z[i], r, gate, POSITION_AXIS + i if i < 2 else OTHER_AXIS)
         n = write_innovation(innovations, n, fix.t_ns, POSITION_N + i, value, s, accepted)
         if accepted and (c.alignment.mode == NAVIGATING or c.stationarity.at_rest):  # else it contains accelerations
             learn_position_noise(p, c, i, nis, s)

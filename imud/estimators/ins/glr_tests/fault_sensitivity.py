@@ -15,7 +15,7 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
 | COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
 | CURRENT_FAULT        | 2           | current north, east, m/s                        | 0                    | minus the axis, for the constraint  |
-| LEVER_ARM_FAULT      | 2           | error of the lever arm ahead, to the right, m   | C_nb: position       | C_nb for a position, C_nb [w x] for a velocity |
+| LEVER_ARM_FAULT      | 2           | error of the lever arm ahead, to the right, m   | C_nb: position; -1: lever arm | 0                          |
 | VELOCITY_DRIFT_FAULT | 3           | the same with the velocity; heading step, rad   | 0, 0, -1: heading    | as above, 1 for a velocity; 0       |
 
 V has rows for the boresights (`boresights`), too. Once a fault is found, x -= V d removes what it has done, and
@@ -33,15 +33,12 @@ from ....compile.jit import kernel, unrolled
 from ..boresights import any_boresight, has_boresight, remove_drift_from_boresights
 from ..ekf import add_correction, add_covariance
 from ..error_model import apply_transition
-from ..mechanization import rotation_matrix
 from ..state import (
     BORESIGHTS,
     COMPASS_AXIS,
     COMPASS_FAULT,
     CONSTRAINT_AXIS,
     CURRENT_FAULT,
-    DOWN_POSITION_AXIS,
-    DOWN_VELOCITY_AXIS,
     DRIFT_FAULT,
     FAULTS,
     HEADING_AXIS,
@@ -147,8 +144,6 @@ def predict_innovations(c: Core, length: int, axis: int) -> None:
             c.scratch.fault_innovation[CURRENT_FAULT + i] -= c.scratch.values[i]
     elif axis in (HEADING_AXIS, COMPASS_AXIS) and c.compass_offset.onset_ns != NEVER_NS:
         c.scratch.fault_innovation[COMPASS_FAULT] += 1.0
-    if c.lever_arm_error.onset_ns != NEVER_NS:
-        add_lever_arm_error(c, axis)
     if has_boresight(axis):
         predict_from_boresights(c)
 
@@ -182,19 +177,6 @@ def add_drift(c: Core, axis: int, onset_ns: int, column: int, of_velocity: float
         return
     b = 1e-9 * (c.nav.t_ns - onset_ns) if axis < VELOCITY_AXIS else of_velocity
     c.scratch.fault_innovation[column + axis % VELOCITY_AXIS] += b
-
-
-@kernel
-def add_lever_arm_error(c: Core, axis: int) -> None:
-    """b of an error of the lever arm ahead and to the right: how the antenna's position or velocity changes by it."""
-    C_nb, by_lever_arm = rotation_matrix(c), c.scratch.velocity_epoch.by_lever_arm
-    for j in range(2):
-        if axis == DOWN_POSITION_AXIS or POSITION_AXIS <= axis < VELOCITY_AXIS:
-            i = 2 if axis == DOWN_POSITION_AXIS else axis - POSITION_AXIS
-            c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += C_nb[3 * i + j]
-        elif axis == DOWN_VELOCITY_AXIS or axis >= VELOCITY_AXIS:
-            i = 2 if axis == DOWN_VELOCITY_AXIS else axis - VELOCITY_AXIS
-            c.scratch.fault_innovation[LEVER_ARM_FAULT + j] += by_lever_arm[i, j]
 
 
 @kernel

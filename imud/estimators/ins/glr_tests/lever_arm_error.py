@@ -3,10 +3,10 @@
 It runs while the lever arm counts as exact because its sigma is not given, and there is no odometer, whose test has the
 same columns. On a straight way the antenna's place in the vehicle does not matter; in turns a wrong one bends heading
 and velocity, until positions are rejected.
-An error d of the lever arm, ahead and to the right, is a fault of `fault_sensitivity` since an onset, when the position
-had it already: V is C_nb at POSITION then. All innovations of positions and velocities since, also rejected ones, give
-its size, with the prior of a lever arm that is not set. Errors of less than `min_lever_arm_error` are left: those of
-time look the same.
+An error d of the lever arm, ahead and to the right, is a fault of `fault_sensitivity` since an onset: V is -1 at
+GNSS_LEVER_ARM and C_nb at POSITION, which has the error already. All innovations of positions and velocities since,
+also rejected ones, give its size, with the prior of a lever arm that is not set. Errors of less than
+`min_lever_arm_error` are left: those of time look the same.
 
 When one is found, what it has done is removed, and the lever arm is estimated from there on; its sigma is a share of
 the error, as it was given by somebody who was wrong.
@@ -16,12 +16,11 @@ Source: as `fault_sensitivity`.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance, add_variance, variance
+from ..ekf import add_variance, variance
 from ..mechanization import rotation_matrix
 from ..state import (
     EE,
@@ -66,6 +65,7 @@ def open_lever_arm_error(c: Core) -> None:
         open_column(c, LEVER_ARM_FAULT + j)
         for i in range(3):
             set_sensitivity(c, POSITION + i, LEVER_ARM_FAULT + j, C_nb[3 * i + j])
+        set_sensitivity(c, GNSS_LEVER_ARM + j, LEVER_ARM_FAULT + j, -1.0)
 
 
 @kernel
@@ -107,20 +107,10 @@ def explained_by_lever_arm_error(p: Parameters, c: Core) -> float:
 
 @kernel
 def apply_lever_arm_error(p: Parameters, c: Core, d: tuple[float, float], xx: float, xy: float, yy: float) -> None:
-    """Gather the error d, m, in scratch.x, with its covariance in P, and open the lever arm's variance; see above."""
-    V, share = c.faults.sensitivity, p.tuning.lever_arm_error_share * math.sqrt(d[0] * d[0] + d[1] * d[1])
-    xx, yy = xx + share * share, yy + share * share
-    remove_drift(c, LEVER_ARM_FAULT, d, xx, xy, yy)
-    add_correction(c, GNSS_LEVER_ARM, d[0])
-    add_correction(c, GNSS_LEVER_ARM + 1, d[1])
-    for i in range(GNSS_LEVER_ARM):
-        vx, vy = V[i, LEVER_ARM_FAULT], V[i, LEVER_ARM_FAULT + 1]
-        add_covariance(c, i, GNSS_LEVER_ARM, -(vx * xx + vy * xy))
-        add_covariance(c, i, GNSS_LEVER_ARM + 1, -(vx * xy + vy * yy))
-    add_variance(c, GNSS_LEVER_ARM, xx)
-    add_covariance(c, GNSS_LEVER_ARM, GNSS_LEVER_ARM + 1, xy)
-    add_variance(c, GNSS_LEVER_ARM + 1, yy)
-    add_variance(c, GNSS_LEVER_ARM + 2, share * share)
+    """Gather in scratch.x the error d, m, of the lever arm and what it has done, and add its covariance to P."""
+    share2 = p.tuning.lever_arm_error_share**2 * (d[0] * d[0] + d[1] * d[1])
+    remove_drift(c, LEVER_ARM_FAULT, d, xx + share2, xy, yy + share2)
+    add_variance(c, GNSS_LEVER_ARM + 2, share2)
 
 
 @kernel

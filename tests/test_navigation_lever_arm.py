@@ -144,6 +144,18 @@ def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_centimetr
         assert (np.abs(of[2][-20:, 2]) < 4.0 * sigmas[2][-20:, 2]).all()
 
 
+@pytest.mark.parametrize(("mistake", "is_looked_for"), [(0.0, False), (1.0, True)])
+def test_smoothing_looks_for_an_error_only_where_the_forward_run_has_found_one(mistake, is_looked_for):
+    rng, d = np.random.default_rng(4), drive(60.0)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, late=0.1, sigma=0.0, white=0.02), TRUE)
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    given = Settings(navigation=Navigation(lever_arm_m=(1.0, -0.5 + mistake, -1.4)))
+    filter_ = new_filter("navigation", samples, given)
+    out = replay(filter_, samples, fixes)[0]
+    tuning = filter_.estimator.backward_tuning(filter_.parameters[0], filter_.state, out[-1], 5.0)
+    assert ("min_lever_arm_error" not in tuning) == is_looked_for
+
+
 def test_what_an_error_does_is_predicted():
     """Against the difference of two runs, one with a lever arm that is given wrong by a tenth of a millimetre."""
     rng, d, off = np.random.default_rng(4), drive(60.0), 1e-4

@@ -19,6 +19,7 @@ from .state import (
     COARSE_ALIGNMENT,
     EXACT_EPOCHS,
     GNSS_BIAS,
+    GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     GYRO_SCALE,
@@ -34,6 +35,8 @@ from .state import (
     VELOCITY,
     VELOCITY_TIME_OFFSET,
 )
+
+_NO_ERROR_M = 100.0  # no lever arm is wrong by more: none is looked for
 
 TUNABLES = (
     Tunable(
@@ -178,13 +181,15 @@ def _variance(core: np.void, i: int) -> float:
 
 
 def backward_tuning(parameters: np.void, state: Records, solution: np.void, factor: float) -> dict[str, float]:
-    """See `Estimator`. Of a survey's epochs, those are exact backward that were so forward."""
+    """See `Estimator`. What was exact forward is so backward: epochs of a survey, lever arm of a precise receiver."""
     c, tuning = state["core"][0, 0], parameters["tuning"]
     late = factor * math.sqrt(_variance(c, TIME_OFFSET) + float(c["time_evidence"]["missing_variance"]))
     of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma")
     known = {name: min(late, float(tuning[name])) for name in of_epochs}
     if c["integrity"]["epochs"] != EXACT_EPOCHS:
         known["epoch_mistake_s"] = 0.0
+    if _variance(c, GNSS_LEVER_ARM) == 0.0:
+        known["min_lever_arm_error"] = _NO_ERROR_M
     return known | {
         "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
         "initial_heading_sigma": factor * float(solution["sigma_rpy"][2]),

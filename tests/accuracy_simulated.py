@@ -7,9 +7,10 @@
 the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up,
 vibration. The receiver errs slowly, its velocities are smoothed and late, its stamps are off. With a step the bias of
 the gyro about the vertical jumps by so many deg/s, at 110 to 140 s. Each run goes through what users run, at its full
-rate, without settings. "Wrong and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the
-status says that position, attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5
-degrees. Seconds are sums over the seeds, the rest medians (NEES: means) from a minute after the start on.
+rate; of the settings it has only that the antenna is at the sensor. "Wrong and sure": seconds with an error of more
+than 4 sigma and 5 m or 5 degrees while the status says that position, attitude or heading are valid. "no yaw": seconds
+from the step on without a yaw within 5 degrees. Seconds are sums over the seeds, the rest medians (NEES: means) from a
+minute after the start on.
 """
 
 from __future__ import annotations

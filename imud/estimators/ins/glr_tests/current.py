@@ -44,17 +44,25 @@ def open_current(c: Core) -> None:
 
 
 @kernel
-def add_to_current(c: Core, z: float, s: float, weight: float) -> None:
-    """Add an innovation z of variance s, of this weight, to the sums."""
-    g, mean = c.current, c.scratch.fault_innovation
-    north, east = mean[CURRENT_FAULT], mean[CURRENT_FAULT + 1]
-    g.vector[0] += weight * north * z / s
-    g.vector[1] += weight * east * z / s
-    g.information[NN] += weight * north * north / s
-    g.information[NE] += weight * north * east / s
-    g.information[EE] += weight * east * east / s
+def add_to_sums(g: Any, x: float, y: float, z: float, s: float, weight: float) -> None:
+    """Add an innovation z of variance s, of this weight, to the sums g of a fault of two components.
+
+    x, y: mean of the innovation per unit of each.
+    """
+    g.vector[0] += weight * x * z / s
+    g.vector[1] += weight * y * z / s
+    g.information[NN] += weight * x * x / s
+    g.information[NE] += weight * x * y / s
+    g.information[EE] += weight * y * y / s
     g.energy += weight * z * z / s
     g.count += weight
+
+
+@kernel
+def add_to_current(c: Core, z: float, s: float, weight: float) -> None:
+    """Add an innovation z of variance s, of this weight, to the sums."""
+    mean = c.scratch.fault_innovation
+    add_to_sums(c.current, mean[CURRENT_FAULT], mean[CURRENT_FAULT + 1], z, s, weight)
 
 
 @kernel

@@ -33,6 +33,7 @@ from ..state import (
     NN,
     POSITION,
 )
+from .current import add_to_sums
 from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 from .gyro_bias_step import weight_of
 
@@ -73,15 +74,8 @@ def add_to_lever_arm_error(p: Parameters, c: Core, z: float, s: float, r: float,
     """Add an innovation z of variance s of a fix, used or not; call before its update; r, axis: see `weight_of`."""
     if c.lever_arm_error.onset_ns == NEVER_NS:
         return
-    g, weight = c.lever_arm_error, weight_of(p, c, s, r, axis)
-    x, y = c.scratch.fault_innovation[LEVER_ARM_FAULT], c.scratch.fault_innovation[LEVER_ARM_FAULT + 1]
-    g.vector[0] += weight * x * z / s
-    g.vector[1] += weight * y * z / s
-    g.information[NN] += weight * x * x / s
-    g.information[NE] += weight * x * y / s
-    g.information[EE] += weight * y * y / s
-    g.energy += weight * z * z / s
-    g.count += weight
+    mean, weight = c.scratch.fault_innovation, weight_of(p, c, s, r, axis)
+    add_to_sums(c.lever_arm_error, mean[LEVER_ARM_FAULT], mean[LEVER_ARM_FAULT + 1], z, s, weight)
 
 
 @kernel

@@ -155,7 +155,9 @@ def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
 def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=None, lever_arm_sigma_m=0.0):
     from imud.configuration.settings import Imu, Navigation
 
-    arm = {"lever_arm_m": tuple(map(float, lever)), "lever_arm_sigma_m": lever_arm_sigma_m}
+    if not isinstance(lever, str):
+        lever = tuple(map(float, lever))
+    arm = {"lever_arm_m": lever, "lever_arm_sigma_m": lever_arm_sigma_m}
     return Settings(imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, tuning=tuning or {}, **arm))
 
 

@@ -41,7 +41,7 @@ def run(seed, survey, sigma=SIGMA, mistake=None, given=None):
         fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
     if given is None:
         given = TRUE + (SIGMA * rng.standard_normal(3) if mistake is None else mistake)
-    arm = {"lever_arm_m": tuple(map(float, given)), "lever_arm_sigma_m": sigma}
+    arm = {"lever_arm_m": given if isinstance(given, str) else tuple(map(float, given)), "lever_arm_sigma_m": sigma}
     out, _, state = navigate(samples, fixes, Settings(imu=Imu(profile="consumer-mems"), navigation=Navigation(**arm)))
     c = state["core"][0, 0]
     P = unpack(c["cov"]["P"], STATES)[GNSS_LEVER_ARM:, GNSS_LEVER_ARM:]
@@ -104,7 +104,7 @@ def test_without_a_sigma_it_stays_as_given():
 
 
 def test_one_that_is_not_set_is_estimated_from_positions_of_centimetres():
-    runs = [run(seed, True, "auto", given=(0.0, 0.0, 0.0)) for seed in range(4)]
+    runs = [run(seed, True, "auto", given="auto") for seed in range(4)]
     assert np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in runs])) < 0.1
     for e, P, of, sigmas in runs:
         assert (np.abs(e) < 3.0 * np.sqrt(np.diag(P))).all()
@@ -113,7 +113,7 @@ def test_one_that_is_not_set_is_estimated_from_positions_of_centimetres():
 
 def test_one_that_is_not_set_is_estimated_from_positions_of_metres():
     """Taken as zero, its velocity in turns is an error of the velocity."""
-    estimated, zero = ([run(seed, False, sigma, given=(0.0, 0.0, 0.0)) for seed in range(4)] for sigma in ("auto", 0.0))
+    estimated, zero = ([run(seed, False, sigma, given="auto") for seed in range(4)] for sigma in ("auto", 0.0))
     assert np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in estimated])) < 0.2
     for e, P, _, _ in estimated:
         assert (np.abs(e) < 3.0 * np.sqrt(np.diag(P))).all()
@@ -121,10 +121,18 @@ def test_one_that_is_not_set_is_estimated_from_positions_of_metres():
     assert velocity[0] < 0.5 * velocity[1]
 
 
-def test_a_given_one_is_exact_for_positions_of_centimetres():
-    error, P, _, _ = run(5, True, "auto", mistake=np.array([0.3, 0.2, -0.1]))
-    assert error == pytest.approx([-0.3, -0.2, 0.1], abs=1e-12)
-    assert not P.any()
+@pytest.mark.parametrize(
+    "given", [TRUE + np.array([0.3, 0.2, -0.1]), np.zeros(3)], ids=["0.4 m wrong", "at the sensor"]
+)
+def test_a_given_one_is_exact_for_positions_of_centimetres(given):
+    """Also [0, 0, 0], which says that the antenna is at the sensor."""
+    d = drive(60.0)
+    rng = np.random.default_rng(5)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, late=0.2, sigma=0.0, white=0.02), given)
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    c = navigate(samples, fixes, Settings(navigation=Navigation(lever_arm_m=tuple(given))))[2]["core"][0, 0]
+    assert c["nav"]["gnss_lever_arm"] == pytest.approx(given, abs=1e-12)
+    assert not unpack(c["cov"]["P"], STATES)[GNSS_LEVER_ARM:, GNSS_LEVER_ARM:].any()
 
 
 def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_metres():
@@ -191,11 +199,11 @@ def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
     rng, warnings = np.random.default_rng(1), []
     d = drive(60.0)
     samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.0, white=0.02)
-    for sigma, lever_arm_sigma_m, expected in ((0.02, "auto", 1), (2.0, "auto", 0), (0.02, 0.0, 0)):
+    at_sensor = (0.0, 0.0, 0.0)
+    cases = ((0.02, {}, 1), (2.0, {}, 0), (0.02, {"lever_arm_sigma_m": 0.0}, 0), (0.02, {"lever_arm_m": at_sensor}, 0))
+    for sigma, given, expected in cases:
         fixes["sigma"] = sigma
-        filter_ = new_filter(
-            "navigation", samples, Settings(navigation=Navigation(lever_arm_sigma_m=lever_arm_sigma_m))
-        )
+        filter_ = new_filter("navigation", samples, Settings(navigation=Navigation(**given)))
         replay(filter_, samples, fixes)
         inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=filter_))
         used = SimpleNamespace(gnss=SimpleNamespace(sensor=SimpleNamespace(is_precise=is_precise(fixes[-1]))))

@@ -150,7 +150,7 @@ def test_the_noise_is_found_where_positions_share_an_error_with_the_lever_arm():
         fixes = received(d, rng, every=0.2, late=0.05, sigma=0.0, white=0.015)
         fixes["speed"] = fixes["course"] = fixes["hdop"] = np.nan
         fixes["sigma"] = (0.02, 0.02, 0.04)
-        state = navigate(samples, fixes, settings_of("free", lever_arm_sigma_m="auto"))[2]
+        state = navigate(samples, fixes, settings_of("free", "auto", lever_arm_sigma_m="auto"))[2]
         found += [np.degrees(np.sqrt(state["core"]["process_noise"]["psd"][0, 0, 1]))]
     assert found == pytest.approx([turned_deg] * 4, rel=0.4)
 

@@ -69,6 +69,8 @@ def test_every_text_forbids_control_characters():
 def valid(hint: Any) -> st.SearchStrategy:
     """Values of this type, above all the ends of its range; None where only a name would do."""
     bare, meta = split(hint)
+    if choices_of(bare) != [bare]:
+        return st.one_of(map(valid, choices_of(bare)))
     if bare in (int, float):
         least, most = meta.extra["least"], meta.le
         inside = st.integers(least, most) if bare is int else st.floats(least, most, allow_nan=False)
@@ -103,7 +105,7 @@ extremes = [
         end
         for _, meta in numbers_in(key.hint, key.path)
         for end in (meta.extra["least"], meta.le)
-        if not key.kind.startswith("list")
+        if "list" not in key.kind
     }
 ]
 tunables = [(registry.by_name(name), tunable) for name in registry.NAMES for tunable in registry.by_name(name).tunables]

@@ -33,19 +33,28 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="`land`: does not slip sideways; `free`: may move anywhere; `auto`: finds out.", extra=HOT),
     ] = "auto"
     lever_arm_m: Annotated[
-        tuple[Length, Length, Length],
-        Meta(description="Antenna from the inertial sensor, in the vehicle's axes (FRD).", extra=HOT),
-    ] = (0.0, 0.0, 0.0)
+        Literal["auto"] | tuple[Length, Length, Length],
+        Meta(
+            description="Antenna from the inertial sensor, in the vehicle's axes (FRD); `auto`: not known, somewhere "
+            "near the sensor.",
+            extra=HOT,
+        ),
+    ] = "auto"
     lever_arm_sigma_m: Annotated[
         Literal["auto"] | Annotated[float, number(0.0, 10.0, "m")],
         Meta(
             description="1 sigma of each component of it, which is then estimated; 0: it is exact. `auto`: 1 m if the "
-            "lever arm is [0, 0, 0], that is, not given; else 0.2 m, and 0 with positions of centimetres, until these "
-            "contradict it by more than half a metre.",
+            "lever arm is not given; else 0.2 m, and 0 with positions of centimetres, until these contradict it by "
+            "more than half a metre.",
             extra=HOT,
         ),
     ] = "auto"
     tuning: Tuning = {}
+
+    @property
+    def lever_arm(self) -> tuple[float, float, float]:
+        """The lever arm before any is estimated, metres, FRD: `lever_arm_m`, or zero where that is not known."""
+        return (0.0, 0.0, 0.0) if self.lever_arm_m == "auto" else self.lever_arm_m
 
 
 class GpsTrack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

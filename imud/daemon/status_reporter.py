@@ -27,7 +27,7 @@ _FRESH_NS = 100_000_000  # largest age of the health that clients get
 _UPSIDE_DOWN = "the sensor is upside down; if it is not, its axes are others: imu.mount_rpy_deg = [180, 0, 0]"
 _LEVER_ARM_UNSET = (
     "the receiver's positions are of centimetres, and the lever arm of its antenna is not set, so it is estimated: "
-    "set navigation.lever_arm_m, or navigation.lever_arm_sigma_m = 0 if the antenna is at the sensor"
+    "set navigation.lever_arm_m, [0, 0, 0] if the antenna is at the sensor"
 )
 
 
@@ -108,7 +108,8 @@ class StatusReporter:
             return
         if not self._lever_arm_period.is_due(now_ns):
             return
-        if inertial.pipeline.filter.settings.navigation.lever_arm_sigma_m != "auto":
+        given = inertial.pipeline.filter.settings.navigation
+        if not given.lever_arm_m == given.lever_arm_sigma_m == "auto":
             return
         if not self._devices.in_use.gnss.sensor.is_precise:
             return

@@ -182,7 +182,7 @@ def of_filter(inertial: "Inertial | None", estimator: str, now_ns: int) -> Table
         **_named("sbg{}_dps", "xyz", s.sigma_bg),
         **_named("ba{}_mps2", "xyz", s.ba),
         **_named("sba{}_mps2", "xyz", s.sigma_ba),
-        **_named("antenna_{}_m", "xyz", inertial.pipeline.filter.settings.navigation.lever_arm_m if inertial else ()),
+        **_named("antenna_{}_m", "xyz", inertial.pipeline.filter.settings.navigation.lever_arm if inertial else ()),
         "sample": _sample_sigmas(inertial),
     }
 

@@ -98,7 +98,7 @@ class _Export:
         if args.ros2:
             from ...ros2.bag import Bag
 
-            lever_arm_m = self._settings.navigation.lever_arm_m
+            lever_arm_m = self._settings.navigation.lever_arm
             self._targets.append(Bag(args.ros2, args.rate, offset_ns, self._player, lever_arm_m, stack))
         if tracks:
             self._targets.append(TrackFiles(tracks, args.rate, offset_ns, stack))

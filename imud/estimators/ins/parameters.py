@@ -183,9 +183,9 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r = p[0]
     p["tuning"] = values_of(TUNABLES, settings.navigation.tuning)
     r["period"] = 1.0 / rate_hz
-    r["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    r["gnss_lever_arm"] = settings.navigation.lever_arm
     sigma = settings.navigation.lever_arm_sigma_m
-    r["lever_arm_is_set"] = any(settings.navigation.lever_arm_m)
+    r["lever_arm_is_set"] = settings.navigation.lever_arm_m != "auto"
     r["lever_arm_sigma"] = -1.0 if sigma == "auto" else sigma
     r["heading_boresight"] = math.radians(settings.aiding.heading_boresight_deg)
     boresight_sigma = settings.aiding.heading_boresight_sigma_deg

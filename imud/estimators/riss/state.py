@@ -236,7 +236,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["gyro_scale_var"] = profile.gyro_scale**2
     p["accel_psd"], p["accel_bias_var"] = profile.accel_noise**2, profile.accel_bias_initial**2
     p["accel_bias_psd"] = profile.accel_bias_instability**2 / BIAS_WALK_S
-    p["gnss_lever_arm"] = settings.navigation.lever_arm_m
+    p["gnss_lever_arm"] = settings.navigation.lever_arm
     p["odometer_lever_arm"] = settings.aiding.odometer_lever_arm_m
     return p
 

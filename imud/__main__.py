@@ -1,7 +1,7 @@
 """Where the process begins. Signals are handled before anything is loaded, so that it ends properly at any moment.
 
 Until the command begins there is nothing to tidy up and a signal just ends the process; later it interrupts the
-command, which tidies up.
+command, which tidies up. While numba compiles a kernel it ends the process, too: LLVM, interrupted, may crash.
 """
 
 import os
@@ -26,6 +26,12 @@ def _ended(arguments: list[str]) -> int:
     return 0 if not arguments or arguments[0].startswith("-") or arguments[0] in _SERVICES else _TERMINATED
 
 
+def _compiles() -> bool:
+    """Whether numba is at work in this thread."""
+    numba = sys.modules.get("numba.core.compiler_lock")
+    return numba is not None and numba.global_compiler_lock.is_locked()
+
+
 def main() -> int:
     """The `imud` command; returns the process's exit code (see `imud.errors`)."""
     terminated = _ended(sys.argv[1:])
@@ -39,6 +45,8 @@ def main() -> int:
                 signal.signal(signal.SIGALRM, lambda _, frame: end(number, frame))
                 signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
+        if _compiles():
+            os._exit(_INTERRUPTED if number == signal.SIGINT else terminated)
         sys.unraisablehook = ignored
         raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(terminated)
 

@@ -254,6 +254,38 @@ def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
     assert not (tmp_path / "gpsd.sock").exists()
 
 
+_COMPILING = """
+import os, signal, sys, types
+import imud.__main__, imud.commands
+
+class Compiler:
+    def is_locked(self):
+        return True
+
+def command():
+    sys.modules["numba.core.compiler_lock"] = types.SimpleNamespace(global_compiler_lock=Compiler())
+    try:
+        os.kill(os.getpid(), signal.{name})
+    finally:
+        print("an exception was raised inside the compiler")
+
+imud.commands.main = command
+sys.exit(imud.__main__.main())
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 0), ("SIGINT", 130)])
+def test_a_signal_raises_nothing_inside_the_compiler(name, code):
+    ended = subprocess.run(
+        [sys.executable, "-c", _COMPILING.format(name=name)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")
+
+
 _HALF_MADE = """
 import contextlib, os, signal, sys
 import imud.__main__, imud.commands

@@ -40,6 +40,7 @@ def test_the_deviation_is_allantools():
     np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("true", [(1e-4, 0.0, 2e-6), (1e-4, 6e-5, 0.0), (1e-4, 3e-5, 1e-6)])
 def test_coefficients_lie_within_their_sigmas(true):
     """25 recordings of two hours: z of those that are given is standard normal, and bounds do bound."""

@@ -97,6 +97,7 @@ def test_a_given_attitude_that_is_wrong_is_found_out():
     assert np.max(tilt[2200:]) < 0.6
 
 
+@pytest.mark.thorough
 def test_a_given_latitude_gives_gravity():
     parameters = ESTIMATOR.configure(Settings(), 100.0)
     assert ESTIMATOR.start(parameters, Initial())["nav"]["gravity"][0] == 9.80665

@@ -206,6 +206,7 @@ def test_smooth_hills_and_bends_are_neither_rest_nor_bias(profile):
     assert np.all(np.abs(yaw[500:]) < 3.0 * yaw_sigma_deg(out)[500:])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("motion", "most_deg", "most_wrong"), [(walking, 3.5, 2.0), (flight, 11.0, 8.0)])
 def test_a_slow_velocity_is_not_taken_for_travel_where_there_was_no_rest(motion, most_deg, most_wrong):
     """It would hide in the tilt: walks and flights that begin in motion were 5 and 15 deg off, for most of a minute."""

@@ -55,6 +55,7 @@ def warm_up(tmp_path_factory):
     return path, np.array(slope), np.array(bias)
 
 
+@pytest.mark.thorough
 def test_a_warm_up_gives_bias_and_slope(warm_up, tmp_path, capsys):
     path, slope, bias = warm_up
     assert calibrate("temperature", path, tmp_path, "--latitude", "35") == 0
@@ -73,6 +74,7 @@ def test_a_still_bias_of_the_same_recording_goes_to_another_name(warm_up, tmp_pa
     assert calibration.load("other", [tmp_path]).gyro.bias_radps == pytest.approx(bias, abs=0.12 * DPS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", range(24))
 def test_a_start_forwards_gives_the_mounting_in_all_right_handed_orientations(way, start, tmp_path):
     matrix = RIGHT_HANDED[way] @ FINE

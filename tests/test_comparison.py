@@ -107,6 +107,7 @@ def test_about_the_vertical_nothing_tells_which_of_two_is_wrong():
         assert named(compared(*sensors)) == ({"a", "b"}, set())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("which", range(3))
 def test_of_three_the_one_that_two_others_contradict_is_wrong(which, motion):
@@ -118,6 +119,7 @@ def test_of_three_the_one_that_two_others_contradict_is_wrong(which, motion):
         assert named(verdicts[25 * 5 :]) == ({"abc"[which]}, {"abc"[which]})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_scale_error_is_never_blamed_on_the_good_sensor(motion):
     """Whichever of the two is asked first, and however they move."""

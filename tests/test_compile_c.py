@@ -155,6 +155,7 @@ def test_long_records_are_copied(in_c):
     assert rows[0]["one"]["v"].tolist() == rows[1]["two"]["v"].tolist() == (-np.arange(40.0)).tolist()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("y", [0, 1, 2, 3, -3, 100])
 @pytest.mark.parametrize("x", [(1.5, 2.25, -4.0), (0.1, 1e9, 0.2), (3.0, -7.0, 1e-300), (-0.3, 0.7, math.inf)])
 def test_the_bits_are_numbas(in_c, x, y):
@@ -317,6 +318,7 @@ def test_a_record_whose_layout_c_would_not_have_is_not_compiled(tmp_path):
         build.compile_c(tmp_path / "unit.c", tmp_path / "unit.so")
 
 
+@pytest.mark.thorough
 def test_all_kernels_of_imud_have_a_translation():
     from imud.compile.__main__ import source
 

@@ -140,6 +140,7 @@ def test_entries_made_for_different_kernels_or_records_have_different_names():
     assert len(names) == len(parts)
 
 
+@pytest.mark.thorough
 def test_what_numba_cannot_compile_is_named_with_the_reason(monkeypatch):
     def first(n):
         return sorted({n: n})[0].name

@@ -114,6 +114,7 @@ def test_attitude_at_rest(rpy):
     assert ((mean_of(squares, RP) > 0.5) & (mean_of(squares, RP) < 1.5)).all()
 
 
+@pytest.mark.thorough
 def test_attitude_on_a_turntable():
     squares, _ = normalised("attitude", "turntable", 100.0, (4.0, 15.0, 30.0, 60.0, 99.0))
     assert ((mean_of(squares, RP) > 0.25) & (mean_of(squares, RP) < 1.5)).all()
@@ -144,6 +145,7 @@ def test_navigation_in_motion_is_consistent(scenario):
     assert 0.5 < nis.mean() < 1.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scenario", ["car", "figure8", "turntable"])
 def test_dead_reckoning_of_ins9_is_consistent(scenario):
     """Still for 5 s, then dead reckoning."""
@@ -176,6 +178,7 @@ def test_suh_at_rest_is_far_within_its_sigmas(name):
     assert (mean_of(squares, RP) < 0.05).all()
 
 
+@pytest.mark.thorough
 def test_suh_on_a_car():
     at = tuple(np.arange(10.0, 60.0, 2.0))
     standard, adaptive, two_step = (
@@ -185,6 +188,7 @@ def test_suh_on_a_car():
     assert adaptive < 1.0 < two_step < standard
 
 
+@pytest.mark.thorough
 def test_gps_track_is_consistent():
     at = tuple(np.arange(20.0, 100.0, 5.0))
     squares, nis = normalised("gps-track", "car", 100.0, at, rate_hz=20.0)

@@ -78,6 +78,7 @@ def test_samples_agree_with_the_tables(words, temperature):
     assert sample["temperature"] == pytest.approx(44.44 * (temperature * 5 / 4096 - 1.375), rel=1e-12, abs=1e-9)
 
 
+@pytest.mark.thorough
 @given(damaged_streams(FRAMES), SIZES, CAPACITY)
 def test_any_chunking_gives_the_same_samples(stream, sizes, capacity):
     check_any_chunking(decoder, stream, sizes, capacity)

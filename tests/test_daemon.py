@@ -25,6 +25,7 @@ EVERY = 20  # of the states, so that the kernel keeps seconds of them for a read
 OVERLOAD = "cannot keep up"  # says a daemon that for a while has no time to publish
 
 
+@pytest.mark.thorough
 def test_attitude_and_bias_of_a_still_sensor(tmp_path):
     with (
         emulator("g350", *REST, "--accel-bias-mg", "0,0,0", "--patient", links=[tmp_path / "imu"]),
@@ -42,6 +43,7 @@ def test_attitude_and_bias_of_a_still_sensor(tmp_path):
         assert "lost=0" in imud.log
 
 
+@pytest.mark.thorough
 def test_a_daemon_that_was_killed_goes_on_where_it_was(tmp_path):
     with emulator("g350", *REST, "--patient", links=[tmp_path / "imu"]):
         with daemon(tmp_path, "--port", str(tmp_path / "imu")) as imud:
@@ -102,6 +104,7 @@ def test_the_configuration_is_read_again(tmp_path):
         assert imud.process.wait(TIMEOUT_S) == 0
 
 
+@pytest.mark.thorough
 def test_live_subscribers_miss_nothing_beside_one_that_stalls(tmp_path):
     stream, memory = tmp_path / "stream", tmp_path / "state"
     settings = ("--set", f"stream.listen={stream}", "--set", f"shared_memory.path={memory}")

@@ -4,6 +4,7 @@ import pytest
 from processes import TIMEOUT_S, daemon, emulator
 
 
+@pytest.mark.thorough
 def test_tilt_of_a_still_dmu(tmp_path):
     imu = tmp_path / "imu"
     errors = ("--gyro-bias-dps", "0,0,0.2", "--accel-bias-mg", "0,0,0")
@@ -21,6 +22,7 @@ def test_tilt_of_a_still_dmu(tmp_path):
         assert "lost=0" in imud.log
 
 
+@pytest.mark.thorough
 def test_a_dmu_beside_a_receiver_gives_position_and_attitude(tmp_path):
     links = [tmp_path / "imu", tmp_path / "gnss"]
     ports = [word for link in links for word in ("--port", str(link))]

@@ -28,6 +28,7 @@ def root(tmp_path, monkeypatch):
     return tmp_path / "iio"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("chip", "rate_hz"), [("bmi160", 800.0), ("lsm6dso", 833.0), ("adis16505-2", 1000.0), ("swapped", 500.0)]
 )
@@ -64,6 +65,7 @@ def test_a_trigger_that_is_lost_and_comes_back(tmp_path, root):
             tilt_of(imud, before["t_mono_ns"] + 8_000_000_000)
 
 
+@pytest.mark.thorough
 def test_a_recording_replays(tmp_path, root):
     file = tmp_path / "drive.mcap"
     with kernel(root, "lsm6dso", *TILTED) as running:

@@ -6,6 +6,7 @@ from processes import daemon, emulator
 SAYS = "no inertial sensor streams: only the receiver's fixes are passed on"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("other", "settings", "why"),
     [

@@ -10,6 +10,7 @@ from processes import daemon, emulator
 TILTED = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--accel-bias-mg", "0,0,0")
 
 
+@pytest.mark.thorough
 def test_tilt_from_a_board_in_its_menu_and_again_from_one_that_streams_counts(tmp_path):
     board = tmp_path / "imu"
     with daemon(tmp_path, "--port", str(board)) as imud:
@@ -45,6 +46,7 @@ def test_an_estimator_that_needs_gyros_is_refused(tmp_path):
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.thorough
 def test_what_is_plugged_in_later_and_will_not_do_ends_nothing(tmp_path):
     board = tmp_path / "imu"
     with daemon(tmp_path, "--port", str(board), "--estimator", "attitude") as imud:
@@ -58,6 +60,7 @@ def test_what_is_plugged_in_later_and_will_not_do_ends_nothing(tmp_path):
         assert imud.log.count("needs all gyros") == 1
 
 
+@pytest.mark.thorough
 def test_beside_a_receiver_it_gives_the_tilt_and_the_receiver_the_position(tmp_path):
     links = [tmp_path / "imu", tmp_path / "gnss"]
     ports = [word for link in links for word in ("--port", str(link))]

@@ -31,6 +31,7 @@ def plug_in_spare(imud, first, second, port):
     imud.says(f"a spare, for when {first}, the inertial sensor, is away")
 
 
+@pytest.mark.thorough
 def test_a_second_sensor_is_a_spare_and_takes_over(tmp_path):
     """Its attitude begins with its own gravity, whatever the first one's biases were."""
     first, second = tmp_path / "first", tmp_path / "second"

@@ -23,6 +23,7 @@ def bench(monkeypatch):
     return lambda devices: monkeypatch.setenv("IMUD_SIM", devices)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("device", "model", "settings"),
     [("g350", "M-G350", ["--set", "spi.data_ready=gpiochip0:24"]), ("g370", "M-G370PDF1", [])],

@@ -57,6 +57,7 @@ def is_right(configured, decoding, seconds, tolerance):
     assert np.abs(samples["w"]).max() < 1e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("baud", EPSON_BAUDS)
 @pytest.mark.parametrize("name", MODELS)
 def test_an_epson_sensor_is_detected_and_sampled_at_every_baud_rate(name, baud):
@@ -97,6 +98,7 @@ def test_a_seraccel_is_detected_and_sampled_at_every_baud_rate(baud):
     is_right(configured, decoding, 5.0, 0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("baud", [4800, 9600, 19200, 38400, 57600, 115200])
 def test_an_nmea_receiver_is_detected_and_read_at_every_baud_rate(baud):
     wire = device("nmea", baud)

@@ -64,6 +64,7 @@ def arguments(name):
     return many, special
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_error_is_within_its_bound(name, in_c):
     exact, bound = getattr(mpmath, name), RANGES[name][1]
@@ -89,6 +90,7 @@ def test_special_values_are_those_of_the_c_library(name, in_c):
             assert math.copysign(1.0, found) == math.copysign(1.0, expected), x
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_c_numba_and_python_give_the_same_bits(name, in_c):
     function = FUNCTIONS[name]

@@ -55,6 +55,7 @@ def test_an_epoch_is_as_late_as_the_earliest_arrival_of_the_last_minute(extra, i
         assert min(late) - 1e-6 <= error <= min(late[-int(60 / max(1.0, interval_s)) :]) + 1e-6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("interval_s", [0.1, 0.2, 1.0])
 @pytest.mark.parametrize("step_s", [-1.0, -2.0, -3.0, -9.0, -18.0, -3600.0, 1.0, 3.0, 18.0, 30_000.0])
 @settings(max_examples=20, deadline=None)

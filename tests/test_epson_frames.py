@@ -111,6 +111,7 @@ def frame_lists(draw):
     return [frame(draw(WORDS), 20 * k if numbered else None, gpio=draw(gpio)) for k in range(draw(st.integers(2, 30)))]
 
 
+@pytest.mark.thorough
 @given(damaged_streams(frame_lists()), SIZES, CAPACITY)
 def test_any_chunking_gives_the_same_samples(stream, sizes, capacity):
     check_any_chunking(Decoder, stream, sizes, capacity)

@@ -84,6 +84,7 @@ def test_a_late_sensor_is_set_up(kind):
     assert device.sampling
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("baud", [230400, 115200, 19200])
 @pytest.mark.parametrize("late_s", [0.12, 0.3])
 @pytest.mark.parametrize("kind", [LateFlat, LateWindowed])

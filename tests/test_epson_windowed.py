@@ -181,6 +181,7 @@ def test_a_fault_that_the_sensor_reports_is_marked():
 FRAMES = st.lists(WORDS, min_size=1, max_size=20).map(lambda all_: [frame(w, 20 * k) for k, w in enumerate(all_)])
 
 
+@pytest.mark.thorough
 @given(damaged_streams(FRAMES), SIZES, CAPACITY)
 def test_any_chunking_gives_the_same_samples(stream, sizes, capacity):
     check_any_chunking(make, stream, sizes, capacity)

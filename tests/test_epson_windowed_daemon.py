@@ -6,6 +6,7 @@ from processes import TIMEOUT_S, daemon, emulator, is_settled
 REST = ("--scenario", "rest", "--roll-deg", "10", "--pitch-deg", "-5", "--gyro-bias-dps", "0.05,-0.05,0.05")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("device", "model", "frame"), [("g364", "M-G364PDCA", "460800"), ("g370@230400", "M-G370PDF1", "230400")]
 )

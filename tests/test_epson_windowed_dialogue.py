@@ -188,6 +188,7 @@ def test_a_filter_that_is_still_changing_is_no_complaint():
     assert configure(device).warnings == ()
 
 
+@pytest.mark.thorough
 def test_frames_without_a_checksum_are_no_success():
     device = Windowed()
     device.stuck = {(1, 0x0C): 0x02}

@@ -83,6 +83,7 @@ def test_progress_ends_at_the_end_of_the_file(tmp_path, monkeypatch, command):
     assert bars and set(bars.values()) == {100}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("group_rows", [100, 100_000])
 def test_parquet_files_have_the_numbers_of_the_csv_files(tmp_path, monkeypatch, group_rows):
     monkeypatch.setattr(export.parquet_folder, "GROUP_ROWS", group_rows)

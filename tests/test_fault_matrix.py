@@ -30,6 +30,7 @@ def alone(seed):
     return cell(seed)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SOURCES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_faulty_source_harms_little_and_is_never_believed_wrongly(name, fault):
@@ -45,6 +46,7 @@ def test_without_a_fault_each_source_is_honest(name):
     assert found.sure_s == 0.0 and harm(found, alone(1))[0] < 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("where", LAND)
 @pytest.mark.parametrize("fault", ["jumping", "frozen", "wrong units"])
 def test_wheels_that_the_accelerometer_contradicts_are_not_believed(where, fault):
@@ -79,6 +81,7 @@ def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
     assert harm(found, without_it)[0] < 3.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("where", [*LAND, "drone"])
 @pytest.mark.parametrize("fault", ["wrong units", *OF_COMPASSES])
 def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
@@ -96,6 +99,7 @@ def test_a_map_that_is_turned_is_found_out(where, fault):
     assert found.rms["yaw"] < 3.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("where", "seed", "direction"),
     [("robot", 32, 4.5), ("robot", 703, 1.3), ("robot", 706, 0.3), ("boat", 705, 5.5), ("boat", 706, 2.4)],

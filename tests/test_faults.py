@@ -250,6 +250,7 @@ def test_no_good_frame_is_lost_behind_a_line_that_damages_others(name, faults):
     assert fate["suspected"] <= 1e-3 * fate["good"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["g350", "g370"])
 def test_damage_that_no_check_finds_is_small(name):
     fate = fates(name, TOGETHER, 6.0, "--scenario", "car")

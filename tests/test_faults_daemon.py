@@ -157,6 +157,7 @@ def port(tmp_path, monkeypatch):
     return f"{tmp_path / 'imu'}:epson@460800"
 
 
+@pytest.mark.thorough
 def test_after_a_daemon_that_was_killed_the_biases_are_known_if_the_sensor_was_not_switched_off(tmp_path, port):
     with emulator("g350", *REST, links=[tmp_path / "imu"]):
         for attempt in range(5):  # on a busy machine nothing may come in the half second for which it looks
@@ -170,6 +171,7 @@ def test_after_a_daemon_that_was_killed_the_biases_are_known_if_the_sensor_was_n
         assert first["bgx_dps"] == pytest.approx(0.2, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_after_a_daemon_that_was_killed_the_biases_are_unknown_if_the_sensor_was_switched_off(tmp_path, port):
     with emulator("g350", *REST, links=[tmp_path / "imu"]):
         is_killed_with_known_biases(tmp_path, port)

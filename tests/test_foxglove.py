@@ -83,6 +83,7 @@ async def viewer(url):
         yield one
 
 
+@pytest.mark.thorough
 def test_what_a_viewer_gets_are_the_daemons_states(tmp_path):
     stream, gpsd = tmp_path / "imud.stream", tmp_path / "gpsd.sock"
     settings = ("--set", f"stream.listen={stream}")

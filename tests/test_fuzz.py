@@ -9,12 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SURFACES)
 def test_the_corpus_raises_nothing(name):
     for data in inputs_of(name):
         assert not failure(SURFACES[name], data), data
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SURFACES)
 def test_changed_inputs_raise_nothing(name):
     chance, inputs, surface = random.Random(1), inputs_of(name), SURFACES[name]

@@ -136,6 +136,7 @@ def test_the_library_gpsd_py3_reads_a_fix(server):
     gpsd.gpsd_socket.close()
 
 
+@pytest.mark.thorough
 def test_gpsd_py3_without_a_fix(attitude_server):
     gpsd = pytest.importorskip("gpsd")
     host, _, port = attitude_server.rpartition(":")

@@ -79,6 +79,7 @@ def fixes_of(line, are_all):
     return fixes, decoder
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("style", ["mtk-3301", "quectel-LC79D", "nmea-rtk, 10 Hz"])
 def test_the_fixes_are_those_of_the_log(tmp_path, style):
     log = tmp_path / "receiver.log"
@@ -96,6 +97,7 @@ def test_the_fixes_are_those_of_the_log(tmp_path, style):
         assert fix.speed_mps is None or fix.speed_mps == pytest.approx(burst.kmh / 3.6, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_of_two_receivers_one_counts_and_the_other_takes_over(tmp_path):
     """Both play at once; the first is the one that ends early."""
     short, long = tmp_path / "short.log", tmp_path / "long.log"

@@ -326,6 +326,7 @@ def act(loop: Loop, others: list, action: str, *arguments) -> None:
                 sock.close()
 
 
+@pytest.mark.thorough
 def test_a_server_under_attack_still_serves():
     """In a process of its own: garbage from many connections, none of which ever reads."""
     with running("--max-clients", "20") as address, contextlib.ExitStack() as stack:

@@ -307,6 +307,7 @@ def strict(text: str | bytes) -> dict:
 any_double = st.floats(width=64) | st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, 5e-324, 1e-300])
 
 
+@pytest.mark.thorough
 @given(
     st.integers(0, 127), st.lists(any_double, min_size=37, max_size=37), st.none() | any_double,
     st.none() | st.builds(ReceiverReport, st.none() | st.integers(-1, 99), *[any_double, st.none()], *[any_double] * 3,

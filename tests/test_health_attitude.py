@@ -87,6 +87,7 @@ def test_a_hand_that_shakes_the_sensor_by_three_g_does_not_cost_the_acceleromete
     assert (out["status"][at(start_s + 10.0) :] & ATTITUDE_VALID).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axes", [(0,), (1,), (2,), (0, 1, 2)])
 @pytest.mark.parametrize("seconds", [0.3, 1.0, 3.0])
 def test_axes_that_freeze_while_the_body_turns_are_seldom_wrong_and_sure(axes, seconds):

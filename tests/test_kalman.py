@@ -209,6 +209,7 @@ def test_noise_far_below_the_predicted_variance_leaves_a_covariance(seed, n):
     assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-13
 
 
+@pytest.mark.thorough
 @given(SEEDS, st.integers(2, 10))
 def test_p_stays_a_covariance_through_any_sequence(seed, n):
     rng = np.random.default_rng(seed)

@@ -139,6 +139,7 @@ def test_an_axis_shows_the_settled_signal():
     assert settled_range([Trace("bias", t, y, alike)]) is settled_range([Trace("raw", t, y)]) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_the_page_marks_what_is_beyond_its_limit_by_a_word_too(tmp_path):
     est = {"class": "EST", "seq": 1, "t_mono_ns": 5, "state": "attitude", "out_of_limits": "clock_drift_ppm"}

@@ -173,6 +173,7 @@ def is_printed(message):
 MESSAGES = re.findall(r"^\| `([^`]+)` \|", (ROOT / "docs/troubleshooting.md").read_text(), flags=re.M)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("message", MESSAGES)
 def test_every_message_of_the_manual_is_one_that_imud_prints(message):
     assert is_printed(message)
@@ -208,6 +209,7 @@ def test_the_columns_of_the_manual_are_those_of_est_csv():
     assert listed.split(",") == ESTIMATE_HEADER.split(",")
 
 
+@pytest.mark.thorough
 def test_the_manual_is_built_without_a_warning(tmp_path):
     pytest.importorskip("mkdocs", reason="pip install 'imud[docs]'")
     pytest.importorskip("material", reason="pip install 'imud[docs]'")

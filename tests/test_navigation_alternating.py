@@ -35,6 +35,7 @@ def valid(out, bit=POSITION_VALID):
     return ((out["status"] & bit) > 0).reshape(SECONDS, -1).all(axis=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("metres", [200.0, 1000.0, math.inf])
 @pytest.mark.parametrize("fixes_each", [1, 2, 5, 10])
 def test_it_has_no_valid_position_after_the_second_return(run, fixes_each, metres):

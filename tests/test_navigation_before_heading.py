@@ -74,6 +74,7 @@ def test_the_position_of_a_parked_vehicle_is_never_better_than_the_correlated_re
     assert np.median(out["sigma_p"][20 * 600 :, 0]) < 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("with_speed", [True, False], ids=["speed", "positions"])
 @pytest.mark.parametrize("d", [UNDER_WAY, CIRCLE], ids=["curves", "constant speed"])
 def test_under_way_position_and_velocity_are_as_good_as_claimed(d, with_speed):

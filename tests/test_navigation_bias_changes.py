@@ -48,6 +48,7 @@ def test_waves_are_no_such_change():
     assert growth(waves, {})[-1] - growth(waves, NEVER)[-1] < 0.3 * swing
 
 
+@pytest.mark.thorough
 def test_what_the_force_changes_does_not_make_the_heading_wrong_and_sure():
     wrong, before = (sum(figures("sailboat", "5 Hz", 0.0, seed, t)["yaw s"] for seed in (0, 3, 7)) for t in ({}, NEVER))
     assert wrong < 2.0

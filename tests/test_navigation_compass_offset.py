@@ -195,6 +195,7 @@ def started_with(kind, seed, off_deg):
     return d, navigate(samples, fixes, settings_of(profile="consumer-mems"), given)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["city", "motorway", "robot", "walk", "drone"])
 def test_a_right_yaw_that_the_user_gives_is_kept(kind):
     for seed in (1, 3):
@@ -204,6 +205,7 @@ def test_a_right_yaw_that_the_user_gives_is_kept(kind):
         assert np.all(np.abs(e) < np.maximum(4.0 * sigma, np.radians(5.0)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("off_deg", [60.0, 180.0])
 @pytest.mark.parametrize("kind", ["city", "motorway", "drone"])
 def test_a_wrong_yaw_that_the_user_gives_is_found_when_the_vehicle_moves(kind, off_deg):

@@ -47,6 +47,7 @@ def interrupted(name, seed, gap_s, turned_deg=0.0):
     return whole[after], position[after], np.degrees(attitude[after]), yaw_error
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("gap_s", [2.0, 5.0, 10.0])
 def test_a_car_in_a_bend_keeps_its_tilt_and_has_its_heading_back_with_the_next_fixes(gap_s, seed):
@@ -60,6 +61,7 @@ def test_a_car_in_a_bend_keeps_its_tilt_and_has_its_heading_back_with_the_next_f
     assert not (np.abs(position[:, :2]) > np.maximum(4.0 * out["sigma_p"][:, :2], 5.0))[RATE:].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["boat", "walk", "drone"])
 def test_a_position_after_a_gap_is_as_good_as_it_says(name):
     """It was wrong by hundreds of metres: the tilt's error is one of the velocity, and a body leans to and fro."""

@@ -37,6 +37,7 @@ def run(seed, step_dps, tuning=None, speed=12.0, every=1.0, shaken=0.0, survey=F
     return yaw, float((sure & (yaw > 5.0)).sum()) / RATE
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step_dps", [1.0, -0.5])
 @pytest.mark.parametrize("speed", DRIVES)
 def test_a_step_of_the_bias_is_found(step_dps, speed):

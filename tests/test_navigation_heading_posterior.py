@@ -75,6 +75,7 @@ def follow(p, c, signal, at, period, corrections):
             fusion_kernels.correct_state(p, c)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "corrections",
     [
@@ -142,6 +143,7 @@ def test_corrections_taken_over_are_as_if_made_before():
     assert taken == pytest.approx(b["products"], rel=1e-7, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_in_the_frame_of_the_right_rate_forces_add_up_to_the_velocity_for_as_long_as_one_likes():
     """A drive of 40 s, tilted by half a degree, with a gyro bias about the vertical of 2.45 deg/s."""
     p, s, c = core()
@@ -201,6 +203,7 @@ def test_innovations_are_those_of_the_dense_covariance_of_the_fixes():
     assert products == pytest.approx(data @ np.linalg.solve(V, data.T), rel=1e-4, abs=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(seed):
     rng = np.random.default_rng(seed)
@@ -231,6 +234,7 @@ def test_the_heading_is_that_of_a_least_squares_with_the_nuisance_marginalized(s
     assert found_rate == pytest.approx(rate, abs=TUNING["frame_rate_step"])
 
 
+@pytest.mark.thorough
 def test_the_prior_is_the_filters_covariance_of_the_force_that_tilt_and_biases_make():
     rng = np.random.default_rng(1)
     _, s, c = core()

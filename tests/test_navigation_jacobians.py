@@ -320,6 +320,7 @@ def differenced(recorder, measure, seed, state, rolling=False):
     return (ahead - behind) / (2.0 * STEP)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("measure", MEASUREMENTS)
 def test_jacobian_is_the_derivative_of_the_prediction(recorder, measure, seed):

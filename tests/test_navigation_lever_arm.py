@@ -56,6 +56,7 @@ def nees(runs):
     return [arm, *(np.mean([(of[i] / sigmas[i]) ** 2 for _, _, of, sigmas in runs]) for i in range(3))]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("survey", [True, False], ids=["survey", "receiver"])
 def test_the_errors_are_as_large_as_their_sigmas_say(survey):
     runs = [run(seed, survey) for seed in range(12)]
@@ -79,6 +80,7 @@ def test_a_wrong_lever_arm_does_not_turn_the_heading():
     assert yaw[1] < 0.7 < yaw[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stamp", [0.0, 0.03], ids=["exact", "30 ms late"])
 def test_walks_with_an_antenna_away_from_the_hand(stamp):
     """An error of the time stamp displaces the antenna, which swings about the hand, not the sensor alone."""

@@ -42,6 +42,7 @@ def start(fixes, at_s, bias_degps=(0.0, 0.0, 0.0)):
     return valid, valid & (error > np.maximum(CONFIDENT * np.degrees(out["sigma_rpy"][:, 2]), SMALL_DEG))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bias_degps", [(0, 0, 0), (3, -2, 4.5)])
 @pytest.mark.parametrize("fixes", ["rtk", "nmea_grade", "receiver_like"])
 def test_a_start_under_way_finds_the_heading_and_is_hardly_ever_wrong_with_confidence(fixes, bias_degps):

@@ -32,6 +32,7 @@ def swapped(seed, before_s, after_s):
     return [np.abs(each).max() for each in (*z, attitude[k, 2] / out["sigma_rpy"][k, 2])]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("late_s", [(0.0, 0.0), (0.0, 0.1), (0.1, 0.0), (0.0, 0.3), (0.3, 0.0)], ids=str)
 def test_errors_stay_within_their_sigmas_when_receivers_are_swapped(late_s):
     """Velocities were ten sigmas off, and yaw six, for ten seconds."""

@@ -94,6 +94,7 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
     assert (g["log_psd"] - log_psd) / sigma2 == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("shaken", "turned_deg"), [(0.05, 0.0), (0.1, 0.0), (0.3, 0.0), (0.05, 0.3)])
 def test_the_process_noise_of_a_drive_is_found(shaken, turned_deg):
     """Each has white acceleration, m/s/sqrt(s), and rate, deg/sqrt(s), beyond the sensor's; fixes with velocity."""

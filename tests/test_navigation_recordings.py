@@ -24,6 +24,7 @@ BOUNDS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name, fixes, position, velocity, yaw, outage, median, rms", BOUNDS)
 def test_errors_stay_within_what_was_reached(name, fixes, position, velocity, yaw, outage, median, rms):
     figures = evaluate(name, fixes, outages=(outage,))

@@ -88,6 +88,7 @@ def wrong_and_sure_s(fault, receiver, has_velocity, seed):
     return ((np.abs(p) > 4.0 * sigma).any(axis=1) & (np.hypot(*p.T) > 5.0)).sum() / RATE
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("has_velocity", [False, True])
 @pytest.mark.parametrize("receiver", [RTK, {}], ids=["rtk", "single"])
 @pytest.mark.parametrize("fault", FAULTS)

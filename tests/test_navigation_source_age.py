@@ -44,6 +44,7 @@ def faulty(name, fault, seed):
     return d, samples, fixes, rows
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(
     ("name", "fault", "age", "within"),
@@ -63,6 +64,7 @@ def test_an_age_is_found_in_half_a_minute_of_changing_speed(name, fault, age, wi
     assert np.all(after[:, 1] != 0.0) and np.abs(after[:, 1] - age).max() < within
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["odometer", "pose"])
 def test_one_that_is_late_from_the_first_on_is_found_and_misleads_little(name, seed):

@@ -47,6 +47,7 @@ def kind(innovations, which):
     return innovations[innovations["kind"] == which]
 
 
+@pytest.mark.thorough
 def test_the_yaw_rate_of_two_wheels_is_within_its_sigma_with_the_errors_that_last():
     """Radii that differ by 0.5 % are 0.4 deg/s at 2 m/s: of the bias they tell little, and no more than that."""
     nees, alone_nees, gains, nis = [], [], [], []

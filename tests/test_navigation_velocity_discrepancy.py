@@ -30,6 +30,7 @@ def sure_s(error, sigma, large, out):
     return 0.01 * np.sum(wrong.any(axis=1) & ((out["status"] & POSITION_VALID) != 0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("offset", [False, True])
 @pytest.mark.parametrize("speed", [1.0, 3.0, 10.0])
 @pytest.mark.parametrize("begin", [0.0, 60.0])

@@ -64,6 +64,7 @@ def mounting(core):
     return np.degrees([[angle, np.sqrt(variance)] for _, angle, variance in velocity_mounting(core)]).T
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("where", ["drive", "robot", "walk", "drone"])
 @pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.0, 0.0, 10.0), (3.0, -5.0, 30.0)])
 def test_how_the_sensor_is_turned_is_found(where, rpy):

@@ -178,6 +178,7 @@ def speaking(*sentences, every_s=0.2):
             thread.join()
 
 
+@pytest.mark.thorough
 def test_a_sensor_on_a_port_of_its_own_aids_is_recorded_and_replays_to_the_same_bits(tmp_path):
     imu, gnss = tmp_path / "imu", tmp_path / "gnss"
     sentences = ("HEHDT,123.0,T", "VDVBW,0.0,0.0,V,0.0,0.0,A", "IIXDR,P,1.01325#,B,Barometer")

@@ -193,6 +193,7 @@ class Run:
         self.fixes += self.decoder.feed(data, now) if data else []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("paused", [True, False])
 @pytest.mark.parametrize("style", STYLES)
 def test_undamaged_streams_give_every_epoch_once(style, paused):
@@ -202,6 +203,7 @@ def test_undamaged_streams_give_every_epoch_once(style, paused):
     assert not any(" " in reason for reason in run.decoder.counters if reason != "noise bytes")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("paused", [True, False])
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("seed", range(4))

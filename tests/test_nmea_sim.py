@@ -48,6 +48,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stall_s", [0.0, 0.7, 3.0])
 @pytest.mark.parametrize("case", CASES)
 def test_fixes_are_the_truth_at_their_epochs(case, stall_s):

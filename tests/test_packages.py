@@ -46,6 +46,7 @@ def test_the_modules_are_found_under_their_name():
     assert Path(file).resolve() == ROOT / "drivers" / "sample.py" and name == "imud.firmware_sim.motion"
 
 
+@pytest.mark.thorough
 def test_a_wheel_made_from_the_source_distribution_has_the_same_files_and_its_kernels_are_found(wheel, tmp_path):
     """As `pip install imud-….tar.gz` makes it."""
     (archive,) = SdistBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])

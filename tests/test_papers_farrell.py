@@ -47,6 +47,7 @@ def van_loan(T, rate=1e-3, q_n=4.4e-7, q_w=8e-6):
     return phi, phi @ e[:3, 3:]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("steps", [1, 1000])
 def test_transition_and_noise_to_the_printed_digits(steps):
     phi, q_d = farrell.discrete(steps)
@@ -114,6 +115,7 @@ def test_a_coloured_sequence_is_not_called_white():
     assert whiteness.ljung_box(x[1:] + 0.5 * x[:-1]) > whiteness.CHI2_99
 
 
+@pytest.mark.thorough
 def test_the_claims_hold():
     assert farrell.reproduce(1).failed == []
 

@@ -83,6 +83,7 @@ def test_driver_estimator_and_output_of_another_package_run_in_the_daemon(instal
     assert turned_deg == pytest.approx(RATE_DPS * (t1 - t0), abs=1.0)
 
 
+@pytest.mark.thorough
 def test_names_of_plug_ins_are_known_everywhere(installed, tmp_path):
     said = imud("run", "--port", "/dev/absent:example", "--estimator", "strapdown", "--check", path=installed)
     assert said.returncode == 0, said.stderr

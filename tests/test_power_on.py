@@ -100,6 +100,7 @@ def navigated(path, seed, away_s, remounted=None):
     return solutions[at], errors(d, whole)[2][kept][at]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("away_s", [0.3, 3.0])
 def test_navigation_after_replugging_is_as_good_as_claimed(path, away_s):

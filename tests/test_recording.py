@@ -119,6 +119,7 @@ def fleet(recorded, tmp_path_factory):
     return paths, {path.name: path.read_bytes() for path in (folder / "here").iterdir() if path.stat().st_size > 2000}
 
 
+@pytest.mark.thorough
 def test_parallel_replays_equal_single_ones(recorded, fleet, tmp_path):
     paths, made = fleet
     assert sorted(made) == [f"{paths[1].parent.name}_drive.csv", f"{recorded.parent.name}_drive.csv"]
@@ -134,6 +135,7 @@ def killed_by_one(job):
     return f"{job.paths[0]} done"
 
 
+@pytest.mark.thorough
 def test_a_process_that_is_killed_takes_its_own_recording_along():
     jobs = [replaying.Job((Path(str(i)),), Path("out"), None, (), None, "", None) for i in range(5)]
     outcomes = sorted(many.run_locally(jobs, 2, killed_by_one))
@@ -186,6 +188,7 @@ def test_files_of_a_name_are_distinguished_by_their_folders():
     assert recordings.distinct_names(paths[1:]) == ["drive", "other"]
 
 
+@pytest.mark.thorough
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
     ros = tmp_path / "ros.mcap"
     done = command("export", recorded, "--csv", tmp_path, "--ros2", ros)
@@ -235,6 +238,7 @@ def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
     assert parts["imud: inertial sensor"].hardware_id.startswith("M-G350")
 
 
+@pytest.mark.thorough
 def test_a_recording_is_an_ordinary_port(recorded, tmp_path):
     with daemon(tmp_path, "--port", f"replay:{recorded}", "--record", str(tmp_path / "copy.mcap")) as imud:
         imud.says("device=M-G350")
@@ -259,6 +263,7 @@ def test_allan_and_its_like_read_the_samples_of_a_recording(recorded):
     assert samples["f"].tobytes() == kept["f"].tobytes()
 
 
+@pytest.mark.thorough
 def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(recorded, tmp_path):
     inn, csv_file, known = tmp_path / "inn.csv", tmp_path / "est.csv", tmp_path / "sensor.toml"
     done = command("replay", recorded, "-o", csv_file, "--innovations", inn)
@@ -278,6 +283,7 @@ def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(
     assert command("replay", recorded, recorded, "-o", tmp_path, "--innovations", inn).returncode == 64
 
 
+@pytest.mark.thorough
 def test_what_the_filter_estimates_beside_its_solution_is_recorded_once_a_second(recorded, tmp_path):
     states = states_rows([entry.data for entry in Capture(recorded) if entry.topic == "/states"])
     estimates = {int(row["t_ns"]): row for row in stored(recorded, ESTIMATE_TABLE)}
@@ -356,6 +362,7 @@ def test_the_recording_holds_what_happened(recorded):
     assert recorded.stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_record_says_how_many_bytes_of_each_port_it_has(tmp_path):
     port, absent, path = tmp_path / "imu", tmp_path / "absent", tmp_path / "raw.mcap"
     with (
@@ -381,6 +388,7 @@ def test_record_of_nothing_is_no_success(tmp_path):
     assert done.stderr.splitlines()[-1] == "imud: nothing was recorded: no port has sent a byte"
 
 
+@pytest.mark.thorough
 def test_record_has_the_measurements_of_other_programs_too(tmp_path):
     path = tmp_path / "raw.mcap"
     done = command("record", "sim:rest", "sim:rest:velocity", "-o", path, "--seconds", "10")

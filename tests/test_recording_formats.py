@@ -31,6 +31,7 @@ NUMBERS = 2 * len(FILTERED)
 FORMAT_2 = OLD.with_name("format2.mcap")  # of an emulated M-G350 with a receiver
 
 
+@pytest.mark.thorough
 @given(st.data())
 def test_records_come_back_with_the_same_bits(data):
     for table in TABLES:
@@ -48,6 +49,7 @@ def test_records_come_back_with_the_same_bits(data):
             np.testing.assert_equal({name: _plain(getattr(read, name)) for name in wanted}, wanted)
 
 
+@pytest.mark.thorough
 @given(
     st.lists(st.none() | st.floats(allow_nan=False, allow_infinity=False, width=32), min_size=NUMBERS, max_size=NUMBERS)
 )

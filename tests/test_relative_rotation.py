@@ -38,6 +38,7 @@ def found(first, second, profiles=("m-g350", "m-g350")):
     return last
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("profiles", PAIRS, ids="+".join)
 @pytest.mark.parametrize(("seed", "rpy_deg"), list(enumerate(MOUNTINGS)), ids=str)
 def test_motion_shows_how_a_sensor_is_mounted(seed, rpy_deg, profiles):
@@ -58,6 +59,7 @@ def test_at_rest_the_turn_about_the_vertical_is_not_known():
         assert found(first, second) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_fault_of_a_sensor_is_no_rotation(motion, fault):

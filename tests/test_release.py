@@ -99,6 +99,7 @@ def test_it_says_which_package_needs_which(wheel):
     }
 
 
+@pytest.mark.thorough
 def test_it_is_valid_cyclonedx(wheel):
     pytest.importorskip("cyclonedx.validation.json")
     parts = parts_list(wheel)

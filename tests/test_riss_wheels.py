@@ -131,6 +131,7 @@ def test_wheels_are_fused_as_a_dense_filter_does_with_numeric_derivatives():
     np.testing.assert_allclose(s["P"][0], (P - np.outer(K, K) * (S + slip**2))[UPPER], rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("value", "current"), [(np.nan, np.nan), (50.0, np.nan), (12.0, 0.5)])
 def test_a_reading_of_no_use_changes_nothing(value, current):
     """One through the water, in a current, is of no use here."""

@@ -181,6 +181,7 @@ def test_a_devices_driver_opens_no_port_and_reads_no_clock(room):
         assert not top(imported(path)) & PORTS, path
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("package", PACKAGES)
 def test_nothing_is_needed_at_run_time_that_is_not_declared(package):
     for path in files(package):

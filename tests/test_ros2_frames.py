@@ -39,6 +39,7 @@ def drive(n, status):
 ALL = ATTITUDE_VALID | POSITION_VALID | HEIGHT_VALID
 
 
+@pytest.mark.thorough
 def test_map_jumps_and_odom_does_not():
     """At half of the way the filter is corrected by 3 m and 0.1 rad."""
     rows = drive(1000, lambda k: ALL)

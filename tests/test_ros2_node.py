@@ -64,6 +64,7 @@ def ns(stamp):
     return stamp.sec * 10**9 + stamp.nanosec
 
 
+@pytest.mark.thorough
 def test_the_node_publishes_the_daemons_states(tmp_path):
     stream = tmp_path / "imud.stream"
     settings = ("--set", f"stream.listen={stream}", "--set", f"navigation.lever_arm_m={list(ARM)}")
@@ -120,6 +121,7 @@ def test_the_node_publishes_the_daemons_states(tmp_path):
     assert parts == ["imud: filter", "imud: inertial sensor", "imud: receiver"]
 
 
+@pytest.mark.thorough
 def test_wheel_odometry_reaches_the_filter(tmp_path):
     stream, aiding, pipe = tmp_path / "imud.stream", tmp_path / "aiding", tmp_path / "in"
     os.mkfifo(pipe)

@@ -189,6 +189,7 @@ async def page_says(page, number):
     return dict(await page.evaluate(f"{rows}.map(r => [r.cells[0].innerText, parseFloat(r.cells[1].innerText)])"))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_the_sign_table_of_the_live_page(tmp_path):
     pytest.importorskip("aiohttp", reason="the live page needs the extra imud[web]")

@@ -29,6 +29,7 @@ def said(name, seconds, faults="", **options):
     return np.arange(1, len(values) + 1) / KINDS[name].rate_hz, UNITS[name] * values
 
 
+@pytest.mark.thorough
 def test_ideal_ones_tell_the_true_motion():
     t, speed = said("wheel", 60.0, ideal=True)
     truth = CAR.at(t)
@@ -42,6 +43,7 @@ def test_ideal_ones_tell_the_true_motion():
     np.testing.assert_allclose((heading - np.degrees(truth.rpy[:, 2]) + 180.0) % 360.0, 180.0, atol=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "most"), [("wheel", 0.4), ("baro", 370.0), ("compass", 2.5)])
 def test_real_ones_are_wrong_by_a_little(name, most):
     ideal, real = said(name, 60.0, ideal=True)[1], said(name, 60.0)[1]
@@ -49,6 +51,7 @@ def test_real_ones_are_wrong_by_a_little(name, most):
     assert 0.0 < np.abs(apart).max() < most
 
 
+@pytest.mark.thorough
 def test_faults_hold_shift_and_scale_the_reading_in_their_time():
     t, right = said("wheel", 40.0, ideal=True)
     for faults, expected in (

@@ -45,6 +45,7 @@ def test_a_stream_without_gaps_and_with_the_attitude_asked_for(tmp_path):
     assert words[:, 2:5].mean(axis=0) * GYRO_LSB == pytest.approx([0.3] * 3, abs=0.0125)
 
 
+@pytest.mark.thorough
 def test_a_recording_is_played_as_fast_as_it_is_read_and_no_faster(tmp_path):
     imu, _ = write_recording(tmp_path, seconds=300.0)
     with emulator("g350", "--replay", imu, "--fast") as (_, paths), serial.Serial(paths["g350"], 460800) as port:

@@ -69,6 +69,7 @@ def test_each_sends_what_the_daemon_decodes(name):
         assert rows["sigma"][0, 0] > 0.0 and np.isfinite(rows["value"][0, 0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_real_ones_are_wrong_by_a_little(name):
     kind = KINDS[name]
@@ -78,6 +79,7 @@ def test_real_ones_are_wrong_by_a_little(name):
         assert 0.3 < np.std(apart) / (sigma * unit) < 2.0
 
 
+@pytest.mark.thorough
 def test_faults_of_the_reading_in_their_time():
     t, right = said("velocity", 30.0)
     within = (t >= 10.0) & (t < 20.0)

@@ -125,6 +125,7 @@ def test_a_damaged_recording_is_refused_with_what_to_do(tmp_path):
         read(path)
 
 
+@pytest.mark.thorough
 def test_a_daemon_on_the_emulator_has_the_samples_of_the_recording(tmp_path):
     path, imu = tmp_path / "drive.mcap", tmp_path / "imu"
     record(path, REST, 4.0, rate_hz=RATE_HZ)

@@ -235,6 +235,7 @@ def test_units_differ_and_seeds_repeat():
     assert run(5) == run(5) != run(6)
 
 
+@pytest.mark.thorough
 @given(st.lists(st.tuples(st.binary(max_size=30), st.floats(0.0, 1.0)), max_size=12))
 def test_garbage_never_raises_and_the_board_stays_reachable(chunks):
     unit, t = board(), 0.0

@@ -172,6 +172,7 @@ def test_an_outage_is_bridged_from_both_sides_with_true_sigmas(driven):
     assert np.mean(normalised) < 2.0
 
 
+@pytest.mark.thorough
 def test_what_is_unknown_of_the_time_offset_is_in_the_smoothed_sigmas():
     """The backward filter took the delay that the forward one found as known, and stated 2 cm where 20 were missing."""
     squares = []

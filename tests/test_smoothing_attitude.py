@@ -83,6 +83,7 @@ def test_what_is_constant_is_smoothed_to_one_value():
     assert np.ptp(filtered, axis=0).max() > 1e-3
 
 
+@pytest.mark.thorough
 def test_a_bias_learnt_late_corrects_the_yaw_from_the_start_and_sigmas_are_true():
     yaws, tilts, nees = [], [], []
     for seed in range(6):

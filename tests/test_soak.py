@@ -83,6 +83,7 @@ def test_troubles_happen_by_the_clock(tmp_path):
     assert troubles.due_s > 121.0 - 0.5
 
 
+@pytest.mark.thorough
 def test_a_short_soak(tmp_path):
     with process(
         *("imud", "soak", "--minutes", "0.1", "--faults", "gnss:loss@4-5"),

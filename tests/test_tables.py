@@ -215,6 +215,7 @@ def test_a_line_without_an_end_is_not_read_into_memory(tmp_path, zipped):
         tracemalloc.stop()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("zipped", [False, True])
 def test_a_log_that_unzips_to_much_is_read_in_pieces(tmp_path, zipped):
     path = tmp_path / "track.nmea"

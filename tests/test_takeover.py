@@ -135,6 +135,7 @@ TURNS = [(0.0, 0.0, 0.0), (0.0, 0.0, 5.0), (0.0, 0.0, 90.0), (0.0, 0.0, 180.0), 
 AT_LAST = -1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lean", LEANS)
 @pytest.mark.parametrize("turned_deg", TURNS, ids=str)
 def test_a_spare_at_rest_takes_over_and_then_drives_off(turned_deg, lean):
@@ -159,6 +160,7 @@ def test_one_whose_mounting_the_settings_name_has_a_heading(turned_deg):
         assert run.out["status"][AT_LAST] & HEADING_VALID and 2.5 < run.sigma[AT_LAST, 2] < 4.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("has_fixes", [True, False], ids=["fixes", "none"])
 @pytest.mark.parametrize("turned_deg", TURNS, ids=str)
 def test_motion_shows_how_the_spare_sits(turned_deg, has_fixes):
@@ -170,6 +172,7 @@ def test_motion_shows_how_the_spare_sits(turned_deg, has_fixes):
             assert run.sigma[AT_LAST].max() < 1.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("turned_deg", [(0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (0.0, 0.0, 180.0)], ids=str)
 def test_without_a_receiver_it_is_the_same(turned_deg):
     for seed in SEEDS:
@@ -194,6 +197,7 @@ def test_the_first_one_takes_over_again_where_nothing_showed_how_the_spare_is_tu
     assert again.relative_mounting is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.03, 0.3, 1.8])
 def test_what_the_mounting_adds_is_the_scatter_of_the_vertical(sigma):
     """Of a turn by any angle about one axis of the body, and small ones about all: drawn at random."""

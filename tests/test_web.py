@@ -122,6 +122,7 @@ def test_prometheus_reads_the_daemons_status(tmp_path):
     assert {"imud_info", "imud_port_info", "imud_uptime_seconds"} <= families
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("headers", "status"), [({}, 101), ({"Origin": "http://evil.example"}, 403), ({"Host": "evil.example"}, 403)]
 )
@@ -169,6 +170,7 @@ def test_the_page_is_whole_and_asks_nothing_of_other_machines(served):
     asyncio.run(fetch())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
@@ -316,6 +318,7 @@ SAID = (
 RED = "[...document.querySelectorAll('#aiding tr.bad, #health tr:has(.bad)')].map((row) => row.children[0].textContent)"
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 @pytest.mark.parametrize("size", [DESKTOP, PHONE])
 def test_the_page_shows_each_port_and_each_source_of_measurements_and_why_one_is_not_used(size, tmp_path):
@@ -369,6 +372,7 @@ def test_the_page_shows_what_the_filter_has_found_of_receiver_and_vehicle(tmp_pa
 YAW = {"q0": 1, "q1": 0, "q2": 0, "q3": 0, "pitch_deg": 0.0, "sroll_deg": 0.5, "spitch_deg": 0.5, "imu_health": "ok"}
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 @pytest.mark.parametrize(
     ("state", "yaw_deg", "syaw_deg", "row"),
@@ -405,6 +409,7 @@ def test_a_yaw_is_shown_for_what_it_is_and_stays_when_the_sensor_is_silent(state
         asyncio.run(serve(url))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_without_estimates_or_beside_those_without_a_position_the_receivers_is_shown(tmp_path):
     tpv = {"class": "TPV", "device": "/dev/gnss", "mode": 3, "lat": 48.5, "lon": 11.25, "altHAE": 520.0}
@@ -437,6 +442,7 @@ def test_without_estimates_or_beside_those_without_a_position_the_receivers_is_s
         asyncio.run(look(url))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_a_chart_that_left_the_screen_and_came_back_between_two_frames_is_drawn(tmp_path):
     """The browser then tells both at once: the last counts."""
@@ -457,6 +463,7 @@ def test_a_chart_that_left_the_screen_and_came_back_between_two_frames_is_drawn(
         asyncio.run(look(url))
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(program() is None, reason="no Chromium here")
 def test_the_track_is_broken_after_a_gap_and_where_a_fix_corrects_what_had_coasted(tmp_path):
     """Points are at 0, 1, 2 s …; metres north. Joined they would be spikes."""

@@ -130,6 +130,7 @@ def test_malformed_requests_are_a_line_each_kind_and_no_traceback(tmp_path):
         assert len(printed().splitlines()) < 2 * len(MALFORMED)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "body",
     [

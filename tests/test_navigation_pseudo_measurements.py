@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from in_c import in_c
+from navigation_runner import navigate
 from navigation_simulation import drive, received, sensed
 
 from imud.batch import play
@@ -112,4 +113,19 @@ def test_noise_of_the_gyros_at_rest_contradicts_no_bias(noise, contradicts):
         c["cov"]["P"][interpreted(packed_index)(STATES, GYRO_BIAS + i, GYRO_BIAS + i)] = np.radians(0.01) ** 2
     c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
     c["stationarity"]["gyro_noise_floor"], c["stationarity"]["mean_w"][0] = noise, np.radians(1.2)
-    assert bool(in_c(fuse_rest)(p, c)) == contradicts
+    c["nav"]["q_nb"] = (1.0, 0.0, 0.0, 0.0)
+    windows = int(p["tuning"]["bias_contradiction_windows"])
+    replaced = [bool(in_c(fuse_rest)(p, c)) for _ in range(windows + 1)]
+    assert replaced == [contradicts and i == windows - 1 for i in range(windows + 1)]
+    assert (abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)) == contradicts
+
+
+def test_a_motion_that_begins_slowly_does_not_replace_the_gyro_bias():
+    """As a multicopter that takes off: nothing else shows that its last window of rest was one of motion."""
+    rng = np.random.default_rng(1)
+    d = drive(20.0, rest=10.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.2)
+    turning = (d.t > 9.5) & (d.t < 10.2)
+    samples["w"][turning, 1] += np.radians(0.25)
+    out = navigate(samples[d.t < 10.2], fixes, Settings())[0]
+    assert np.abs(out["bg"][-1] - out["bg"][900]).max() < np.radians(0.02)

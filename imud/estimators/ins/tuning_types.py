@@ -153,6 +153,7 @@ class Tuning:
     standstill_sigma: float
     zaru_sigma: float
     rest_gate: float
+    bias_contradiction_windows: float
     nhc_interval_s: float
     nhc_min_speed: float
     nhc_sigma: float

@@ -127,6 +127,7 @@ class Stationarity:
     at_rest: int
     low_motion_count: int
     stationary_count: int
+    contradiction_count: int
     rest_class: MotionClass
     slow_motion_class: MotionClass
     log_likelihood_ratio: float

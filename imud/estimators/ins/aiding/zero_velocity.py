@@ -15,12 +15,12 @@ from ....compile.jit import kernel
 from ....math.earth import EARTH_RATE_RADPS
 from ...records import REST_N, REST_X
 from ...tuning import Tunable
-from ..ekf import decorrelate, set_jacobian, variance
+from ..ekf import add_variance, decorrelate, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement
 from ..glr_tests.gnss_drift import clear_velocity_sensitivity
 from ..mechanization import ned_to_body, set_velocity
 from ..rest import gnss_confirms_rest, max_rest_rate
-from ..state import GYRO_BIAS, NAVIGATING, OTHER_AXIS, VELOCITY
+from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING, OTHER_AXIS, VELOCITY
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -56,6 +56,14 @@ TUNABLES = (
         "Gate of zero rates at rest; that of zero velocity is four times as large.",
         "Five sigma.",
     ),
+    Tunable(
+        "bias_contradiction_windows",
+        4.0,
+        "windows",
+        "Windows at rest in a row that contradict the gyro bias before it is replaced.",
+        "Two seconds: longer than a departure takes to be seen.",
+        low=1.0,
+    ),
 )
 
 
@@ -70,7 +78,11 @@ def reset_velocity(c: Core, sigma: float) -> None:
 
 @kernel
 def fuse_rest(p: Parameters, c: Core) -> bool:
-    """Fuse one window of rest (call at its end, before it is cleared); True if it contradicts the gyro bias."""
+    """Fuse one window of rest (call at its end, before it is cleared); True if it replaced the gyro bias.
+
+    A rate that contradicts the bias is either another bias, which stays, or the beginning of a motion that nothing else
+    shows yet.
+    """
     confirmed, navigating = gnss_confirms_rest(p, c), c.alignment.mode == NAVIGATING
     sigma = p.tuning.zupt_sigma if confirmed else p.tuning.zupt_sigma_unconfirmed
     if navigating:
@@ -81,16 +93,24 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
             )
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
-    s, contradicted = c.stationarity, False
+    s, contradicted, turn2 = c.stationarity, False, 0.0
+    replaces = s.contradiction_count + 1 >= p.tuning.bias_contradiction_windows
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2 + s.turn_rate_var
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
         # only a confirmed rest is detected with such a rate; a window's mean may have it by noise, too
         if abs(z) > max(max_rest_rate(p, c, i), p.tuning.limit_sigmas * math.sqrt(variance(c, GYRO_BIAS + i) + r)):
-            decorrelate(c, GYRO_BIAS + i, z * z)
             contradicted = True
+            if not replaces:
+                continue
+            decorrelate(c, GYRO_BIAS + i, z * z)
+            turn2 += (z * p.tuning.bias_contradiction_windows * s.duration) ** 2
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)
     correct_state(p, c)
+    if turn2 > 0.0:
+        for i in range(3):
+            add_variance(c, ATTITUDE + i, turn2)  # by the wrong bias, since the first of these windows
     if confirmed or not navigating:
         reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)
-    return contradicted
+    s.contradiction_count = s.contradiction_count + 1 if contradicted and not replaces else 0
+    return bool(contradicted and replaces)

@@ -101,8 +101,10 @@ def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
     assert not len(filter_.pending_innovations())
 
 
-@pytest.mark.parametrize(("noise", "contradicts"), [(0.05, False), (0.0, True)])
-def test_noise_of_the_gyros_at_rest_contradicts_no_bias(noise, contradicts):
+@pytest.mark.parametrize(
+    ("noise", "growth_dps", "contradicts"), [(0.05, 0.0, False), (0.0, 0.0, True), (0.0, 0.1, False)]
+)
+def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_same(noise, growth_dps, contradicts):
     """A window's mean rate of 1.2 deg/s: three of its own sigmas with noise of 0.05 rad/s, else of a wrong bias."""
     settings = Settings()
     p, c = (
@@ -112,12 +114,24 @@ def test_noise_of_the_gyros_at_rest_contradicts_no_bias(noise, contradicts):
     for i in range(3):
         c["cov"]["P"][interpreted(packed_index)(STATES, GYRO_BIAS + i, GYRO_BIAS + i)] = np.radians(0.01) ** 2
     c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
-    c["stationarity"]["gyro_noise_floor"], c["stationarity"]["mean_w"][0] = noise, np.radians(1.2)
-    c["nav"]["q_nb"] = (1.0, 0.0, 0.0, 0.0)
-    windows = int(p["tuning"]["bias_contradiction_windows"])
-    replaced = [bool(in_c(fuse_rest)(p, c)) for _ in range(windows + 1)]
-    assert replaced == [contradicts and i == windows - 1 for i in range(windows + 1)]
+    c["stationarity"]["gyro_noise_floor"], c["nav"]["q_nb"] = noise, (1.0, 0.0, 0.0, 0.0)
+    windows, replaced = int(p["tuning"]["bias_contradiction_windows"]), []
+    for k in range(2 * windows):
+        c["stationarity"]["mean_w"][0] = np.radians(1.2 + growth_dps * k)
+        replaced += [bool(in_c(fuse_rest)(p, c))]
+    assert replaced == [contradicts and k == windows - 1 for k in range(2 * windows)]
     assert (abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)) == contradicts
+
+
+@pytest.mark.parametrize(("turns_s", "is_known"), [(2.4, False), (4.4, True)])
+def test_a_rate_that_only_an_unknown_bias_explains_is_one_of_rest_after_three_seconds(turns_s, is_known):
+    """As of a ship that rolls slowly when the sensor is switched on."""
+    rng = np.random.default_rng(2)
+    d = drive(20.0, rest=20.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1)
+    samples["w"][:, 0] += np.radians(1.5)
+    last = navigate(samples[d.t < turns_s], fixes[fixes["arrival_ns"] < 100e9 + turns_s * 1e9], Settings())[0][-1]
+    assert (last["sigma_bg"][0] < np.radians(0.1)) == is_known
 
 
 def test_a_motion_that_begins_slowly_does_not_replace_the_gyro_bias():

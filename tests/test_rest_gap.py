@@ -15,10 +15,10 @@ GIVEN_SIGMA = np.radians(5.0)  # of the heading that a user gives
 JUDGED, TURN_RATE, ANY2 = slice(round(1.2 * RATE), None), np.radians(3.0), np.pi**2 / 3.0
 
 
-def after_gap(
+def around_gap(
     away_s, seed=0, *, moved=None, metres=0.0, flag=RECONNECTED, fixes_after=True, rest_s=1e6, after_s=AFTER_S
 ):
-    """(solutions from the first sample after the gap on, their attitude errors if it was not moved).
+    """(solutions before the gap, those from the first sample after it on, their attitude errors if it was not moved).
 
     moved: how it stands afterwards, against before; metres: how far north of its place.
     """
@@ -38,7 +38,11 @@ def after_gap(
     whole = np.zeros(len(d.t), solutions.dtype)
     whole["q_nb"][:, 0] = 1.0
     whole[np.r_[0:off, on : len(whole)]] = solutions
-    return solutions[off:], errors(d, whole)[2][on:]
+    return solutions[:off], solutions[off:], errors(d, whole)[2][on:]
+
+
+def after_gap(*arguments, **options):
+    return around_gap(*arguments, **options)[1:]
 
 
 def has_heading(solutions):
@@ -49,9 +53,9 @@ def has_heading(solutions):
 @pytest.mark.parametrize(("away_s", "most_deg"), [(1.5, 1.5), (3.0, 2.5), (10.0, 8.0), (20.0, 19.0), (25.0, 27.0)])
 def test_left_alone_its_heading_is_known_within_1_2_s_and_less_so_the_longer_the_gap(away_s, most_deg, fixes_after):
     for seed in range(4):
-        out, error = after_gap(away_s, seed, fixes_after=fixes_after)
+        before, out, error = around_gap(away_s, seed, fixes_after=fixes_after)
         assert has_heading(out[JUDGED]).all()
-        turned = np.degrees(np.sqrt(out["sigma_rpy"][JUDGED, 2] ** 2 - GIVEN_SIGMA**2))
+        turned = np.degrees(np.sqrt(out["sigma_rpy"][JUDGED, 2] ** 2 - before["sigma_rpy"][-1, 2] ** 2))
         assert 0.5 * most_deg < turned[0] < most_deg * (1.0 if not fixes_after else 2.0)
         assert (np.abs(error[:, 2]) < 3.5 * out["sigma_rpy"][:, 2]).all()
 

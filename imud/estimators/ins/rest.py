@@ -50,6 +50,14 @@ TUNABLES = (
         "Largest estimated speed of a body that a fix says is at rest, beyond limit_sigmas.",
         "Choice: the fix knows better.",
     ),
+    Tunable(
+        "unknown_bias_windows",
+        6.0,
+        "windows",
+        "Low-motion windows in a row before a mean rate that only an unknown gyro bias explains is one of rest.",
+        "Three seconds: a ship that rolls slowly turns steadily for one.",
+        low=2.0,
+    ),
     Tunable("rest_log_likelihood", 3.0, "", "Log likelihood ratio that proves rest.", "Odds of 20 to 1."),
 )
 
@@ -145,8 +153,9 @@ def is_resting(p: Parameters, c: Core) -> bool:
         return True  # regardless of tilt and biases: if they contradict, they are wrong
     if not is_unaccelerated(p, c):
         return False
+    known = s.low_motion_count < p.tuning.unknown_bias_windows
     for i in range(3):
-        if abs(s.mean_w[i] - c.nav.bg[i]) > max_rest_rate(p, c, i):
+        if abs(s.mean_w[i] - c.nav.bg[i]) > (p.tuning.rest_rate if known else max_rest_rate(p, c, i)):
             return False
     return True
 

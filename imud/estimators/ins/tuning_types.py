@@ -78,6 +78,7 @@ class Tuning:
     long_rest_variance: float
     rest_variance: float
     known_rest_speed: float
+    unknown_bias_windows: float
     rest_log_likelihood: float
     jerk_window_s: float
     uere: float

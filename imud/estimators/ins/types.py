@@ -128,6 +128,7 @@ class Stationarity:
     low_motion_count: int
     stationary_count: int
     contradiction_count: int
+    contradicting_w: Reals
     rest_class: MotionClass
     slow_motion_class: MotionClass
     log_likelihood_ratio: float

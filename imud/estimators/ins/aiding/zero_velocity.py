@@ -58,10 +58,10 @@ TUNABLES = (
     ),
     Tunable(
         "bias_contradiction_windows",
-        4.0,
+        10.0,
         "windows",
-        "Windows at rest in a row that contradict the gyro bias before it is replaced.",
-        "Two seconds: longer than a departure takes to be seen.",
+        "Windows at rest in a row that contradict the gyro bias, all by the same rate, before it is replaced.",
+        "Five seconds: of a body that turns on the spot the rate seldom is the same for so long.",
         low=1.0,
     ),
 )
@@ -94,8 +94,11 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
     s, contradicted, turn2 = c.stationarity, False, 0.0
-    replaces = s.contradiction_count + 1 >= p.tuning.bias_contradiction_windows
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2 + s.turn_rate_var
+    for i in range(3):
+        if abs(s.mean_w[i] - s.contradicting_w[i]) > p.tuning.limit_sigmas * math.sqrt(2.0 * r):
+            s.contradiction_count = 0  # a bias would have stayed the same
+    replaces = s.contradiction_count + 1 >= p.tuning.bias_contradiction_windows
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
         # only a confirmed rest is detected with such a rate; a window's mean may have it by noise, too
@@ -112,5 +115,8 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
             add_variance(c, ATTITUDE + i, turn2)  # by the wrong bias, since the first of these windows
     if confirmed or not navigating:
         reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)
+    if s.contradiction_count == 0:
+        for i in range(3):
+            s.contradicting_w[i] = s.mean_w[i]
     s.contradiction_count = s.contradiction_count + 1 if contradicted and not replaces else 0
     return bool(contradicted and replaces)

@@ -94,7 +94,7 @@ class Reads:
         if len(widths) != len(owned) or 0 in widths:
             raise ValueError("its widths do not fit its ports")
         for own, width in zip(owned, widths, strict=True):
-            n = np.count_nonzero(own)
+            n = int(np.count_nonzero(own))
             data[own] = _rows(np.frombuffer(self.data, np.uint8, n, at), width)
             at += n
         return replace(self, data=data.tobytes())

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -117,14 +118,20 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
 
 def position_sigma(fix: np.void) -> tuple[float, float, float]:
     """1 sigma north, east, down of a row of FIX; what the receiver does not report, as `navigation` takes it."""
+    parameters = navigation_parameters()
+    row: Any = SimpleNamespace(**dict(zip(FIX.names or (), fix.item(), strict=True)))
+    horizontal = float(_horizontal_sigma()(parameters, row))
+    down = float(row.sigma[2]) if math.isfinite(row.sigma[2]) else float(parameters.tuning.vertical_ratio) * horizontal
+    return horizontal, horizontal, down
+
+
+@functools.cache
+def _horizontal_sigma() -> Callable[[Any, Any], float]:
+    """How `navigation` finds it, in Python."""
     from ..compile.jit import interpreted  # all of the navigation filter: not at every start
     from ..estimators.ins.aiding.gnss_noise import horizontal_sigma
 
-    parameters = navigation_parameters()
-    row: Any = SimpleNamespace(**dict(zip(FIX.names or (), fix.item(), strict=True)))
-    horizontal = float(interpreted(horizontal_sigma)(parameters, row))
-    down = float(row.sigma[2]) if math.isfinite(row.sigma[2]) else float(parameters.tuning.vertical_ratio) * horizontal
-    return horizontal, horizontal, down
+    return interpreted(horizontal_sigma)
 
 
 def is_precise(fix: np.void) -> bool:

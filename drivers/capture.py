@@ -216,6 +216,8 @@ class Capture:
                         self.read_bytes = file.tell()
                         ended = ended or isinstance(record, DataEnd)
                         yield record
+                        if ended and isinstance(record, Statistics):
+                            return  # what follows is an index
                     why = "it has no end"
                 except (McapError, ValueError, struct.error, MemoryError, OverflowError) as error:
                     why = type(error).__name__

@@ -57,7 +57,8 @@ class Reads:
     def encode(self) -> bytes:
         """As a message of `READS_FIELDS`."""
         elapsed_ns = np.diff(self.t_ns, prepend=np.int64(0)).astype("<i8")
-        streams = [stream for _, stream in self._streams()]
+        data = np.frombuffer(self.data, np.uint8)
+        streams = [data[own] for own in self._owned()]
         widths = np.array([_frame_size(stream) for stream in streams], "<u4")
         by_columns = b"".join(map(_columns, streams, widths.tolist()))
         packed = [(1, self.port.tobytes()), (3, self.size.tobytes())]
@@ -65,12 +66,10 @@ class Reads:
         packed += [(6, _columns(elapsed_ns.view(np.uint8), 8)), (7, widths.tobytes()), (8, by_columns)]
         return b"".join(delimited(number, value) for number, value in packed)
 
-    def _streams(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.uint8]]]:
-        """Of each port, by number: which of the bytes are its own, and these."""
-        data, owners = np.frombuffer(self.data, np.uint8), np.repeat(self.port, self.size)
-        for port in np.unique(self.port):
-            own = owners == port
-            yield own, data[own]
+    def _owned(self) -> list[NDArray[np.bool_]]:
+        """Of each port, by number: which of the bytes are its own."""
+        owners = np.repeat(self.port, self.size)
+        return [owners == port for port in np.flatnonzero(np.bincount(self.port)).tolist()]
 
     @classmethod
     def decode(cls, message: bytes) -> "Reads":
@@ -91,12 +90,13 @@ class Reads:
     def _in_sequence(self, widths: list[int]) -> "Reads":
         """With the data of all ports in the order of the reads, instead of port by port in columns."""
         data, at = np.empty(len(self.data), np.uint8), 0
-        streams = list(self._streams())
-        if len(widths) != len(streams) or 0 in widths:
+        owned = self._owned()
+        if len(widths) != len(owned) or 0 in widths:
             raise ValueError("its widths do not fit its ports")
-        for (own, stream), width in zip(streams, widths, strict=True):
-            data[own] = _rows(np.frombuffer(self.data, np.uint8, len(stream), at), width)
-            at += len(stream)
+        for own, width in zip(owned, widths, strict=True):
+            n = int(np.count_nonzero(own))
+            data[own] = _rows(np.frombuffer(self.data, np.uint8, n, at), width)
+            at += n
         return replace(self, data=data.tobytes())
 
     def runs(self) -> Iterator[tuple[int, int, int, int]]:

@@ -1,13 +1,12 @@
 """The position fix as a receiver reports it: degrees, metres, seconds; None: not reported."""
 
-from dataclasses import dataclass
 from datetime import date
+from typing import NamedTuple
 
 _EPOCH, _DAY_S = date(1970, 1, 1).toordinal(), 86_400
 
 
-@dataclass(frozen=True)
-class Fix:
+class Fix(NamedTuple):
     """One epoch of a receiver that had a solution."""
 
     arrival_ns: int  # monotonic, of the epoch's first byte
@@ -50,8 +49,7 @@ class Fix:
         return self.alt_msl_m + self.geoid_sep_m
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What a receiver, or another sensor that speaks its protocol, reports beside fixes.
 
     source: `heading` (deg from true north), `speed` (over ground, along the vehicle, m/s, below zero astern),
@@ -65,8 +63,7 @@ class Reading:
     sigma: float | None = None  # in the same unit; None: not known
 
 
-@dataclass(frozen=True)
-class Satellite:
+class Satellite(NamedTuple):
     """A satellite in view. None: the receiver did not report it."""
 
     system: int  # 0 GPS, 1 SBAS, 2 Galileo, 3 BeiDou, 5 QZSS, 6 GLONASS
@@ -77,8 +74,7 @@ class Satellite:
     used: bool
 
 
-@dataclass(frozen=True)
-class Sky:
+class Sky(NamedTuple):
     """The receiver's last report of the satellites."""
 
     satellites: tuple[Satellite, ...] = ()
@@ -86,8 +82,7 @@ class Sky:
     vdop: float | None = None
 
 
-@dataclass(frozen=True)
-class ReceiverStatus:
+class ReceiverStatus(NamedTuple):
     """The receiver's last report of itself, also without a fix."""
 
     quality: int = 0  # as in `Fix`; 0: no fix

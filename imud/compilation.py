@@ -76,6 +76,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 def warm_analysis() -> None:
     """Compile, or load, the kernels with which commands look at recordings."""
+    from .ros2.messages import fill_measured
     from .ros2.reckoning import BODY_VELOCITY, MOTION, RECKONING, body_velocities, follow_body
     from .sensor_errors.noise import allan_variances
     from .smoothing.fixed_interval import smoothed_estimates
@@ -87,6 +88,7 @@ def warm_analysis() -> None:
     smoothed_estimates(np.zeros(1, INTERVAL), 1.0)
     follow_body(np.zeros(1, RECKONING), np.zeros(1, SOLUTION), np.zeros(1, MOTION))
     body_velocities(np.zeros(1, SOLUTION), np.zeros(1, BODY_VELOCITY))
+    fill_measured(np.zeros(3), np.zeros(1, np.int64), np.zeros(3), np.zeros(3), np.zeros(12))
     write_rows(io.BytesIO(), np.zeros(1, np.int64), np.zeros((1, 1)))
 
 

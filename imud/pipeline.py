@@ -112,7 +112,7 @@ class Filter:
         A checkpoint of another version, other settings or another calibration is ignored; then only its biases are
         used.
         """
-        if self.estimator.checkpoint is not None and self.estimator.resume is not None:
+        if stored.checkpoint and self.estimator.checkpoint is not None and self.estimator.resume is not None:
             kind = self.estimator.checkpoint(self.state).dtype
             digest = self._digest(kind)
             if stored.checkpoint[: len(digest)] == digest and len(stored.checkpoint) == len(digest) + kind.itemsize:

@@ -8,7 +8,6 @@ import random
 import shutil
 import subprocess
 import time
-from dataclasses import replace
 from datetime import date
 
 import pytest
@@ -74,7 +73,7 @@ def test_a_c_program_reads_when_the_fix_was_by_both_clocks(unit, reader):
     assert (size, mode, count, valid) == (96, 1, 0, 0)  # nothing is epoch_ns before the first fix
 
     before_ns = time.time_ns()
-    output.publish(replace(FIX, arrival_ns=time.monotonic_ns()), LATENCY_S)
+    output.publish(FIX._replace(arrival_ns=time.monotonic_ns()), LATENCY_S)
     after_ns = time.time_ns()
     _, _, count, valid, clock_s, clock_ns, clock_us, receive_s, receive_ns, receive_us, leap, _ = reader()
     assert (count, valid, leap) == (2, 1, 0)
@@ -93,13 +92,13 @@ def test_the_precision_is_that_of_the_line(unit, reader, jitter_s):
     noise = random.Random(1)
     steps = []
     start_ns, late = time.monotonic_ns(), 0.0
-    output.publish(replace(FIX, arrival_ns=start_ns), LATENCY_S)
+    output.publish(FIX._replace(arrival_ns=start_ns), LATENCY_S)
     assert reader()[-1] == 0  # one fix says nothing of the line
     for k in range(1, 200):
         before, late = late, noise.uniform(0.0, jitter_s)
         steps.append(abs(late - before))
         arrival_ns = start_ns + round((k * PERIOD_S + late) * 1e9)
-        output.publish(replace(FIX, utc_s=FIX.utc_s + k * PERIOD_S, arrival_ns=arrival_ns), LATENCY_S)
+        output.publish(FIX._replace(utc_s=FIX.utc_s + k * PERIOD_S, arrival_ns=arrival_ns), LATENCY_S)
     typical = sum(steps[-32:]) / 32
     assert reader()[-1] == pytest.approx(max(-10.0, math.log2(max(typical, 1e-9))), abs=1.01)
     output.close()
@@ -112,7 +111,7 @@ def test_when_the_clock_has_been_set_the_precision_is_soon_that_of_the_line_agai
         if k == 32:
             monkeypatch.setattr(time, "time_ns", lambda: real_ns() + round(step_s * 1e9))
         arrival_ns = start_ns + round(k * PERIOD_S * 1e9)
-        output.publish(replace(FIX, utc_s=FIX.utc_s + k * PERIOD_S, arrival_ns=arrival_ns), LATENCY_S)
+        output.publish(FIX._replace(utc_s=FIX.utc_s + k * PERIOD_S, arrival_ns=arrival_ns), LATENCY_S)
     assert reader()[-1] <= -3
     assert reader()[7] == pytest.approx((real_ns() - time.monotonic_ns() + arrival_ns) * 1e-9 + step_s, abs=2.0)
     output.close()
@@ -121,7 +120,7 @@ def test_when_the_clock_has_been_set_the_precision_is_soon_that_of_the_line_agai
 def test_a_receiver_whose_date_jumps_from_fix_to_fix_gives_no_time(unit, reader):
     output, start_ns, counts = ChronyOutput(unit), time.monotonic_ns(), []
     for k, year in enumerate([2026, 2036, 2026, 2046, 2036, 2036, 2036]):
-        fix = replace(FIX, utc_s=FIX.utc_s + k, date=date(year, 5, 4), arrival_ns=start_ns + k * 1_000_000_000)
+        fix = FIX._replace(utc_s=FIX.utc_s + k, date=date(year, 5, 4), arrival_ns=start_ns + k * 1_000_000_000)
         output.publish(fix, LATENCY_S)
         counts.append(reader()[2])
     assert counts == [2, 2, 2, 2, 2, 4, 6]  # the first has nothing to agree with
@@ -140,13 +139,13 @@ def test_a_receiver_whose_date_jumps_from_fix_to_fix_gives_no_time(unit, reader)
 )
 def test_the_day_of_a_fix(utc_s, day, now, expected):
     *whole, second = expected
-    epoch_ns = utc_ns(replace(FIX, utc_s=utc_s, date=day), calendar.timegm(now) * 1_000_000_000)
+    epoch_ns = utc_ns(FIX._replace(utc_s=utc_s, date=day), calendar.timegm(now) * 1_000_000_000)
     assert epoch_ns == calendar.timegm((*whole, 0)) * 1_000_000_000 + round(second * 1e9)
 
 
 def test_a_fix_without_a_time_gives_no_time(unit, reader):
     output = ChronyOutput(unit)
-    output.publish(replace(FIX, utc_s=None), LATENCY_S)
+    output.publish(FIX._replace(utc_s=None), LATENCY_S)
     assert reader()[2:4] == [0, 0]
     output.close()
 
@@ -182,8 +181,8 @@ def test_a_real_chronyd_takes_the_offset(unit, tmp_path):
                 now_ns = time.time_ns()
                 moment = time.gmtime(now_ns // 1_000_000_000)
                 of_day_s = (now_ns % 86_400_000_000_000) * 1e-9 - late_s  # the true time, by which ours is ahead
-                fix = replace(
-                    FIX, utc_s=of_day_s, date=date(*moment[:3]), arrival_ns=time.monotonic_ns() + round(LATENCY_S * 1e9)
+                fix = FIX._replace(
+                    utc_s=of_day_s, date=date(*moment[:3]), arrival_ns=time.monotonic_ns() + round(LATENCY_S * 1e9)
                 )
                 if of_day_s > 0.0:
                     output.publish(fix, LATENCY_S)

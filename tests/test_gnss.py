@@ -5,7 +5,6 @@ import json
 import math
 import os
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,24 +33,24 @@ FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 
 def test_the_papers_rules_are_the_defaults_and_can_be_changed():
     assert refusal(FIX, Gnss()) is None
-    assert "4 satellites" in str(refusal(replace(FIX, satellites=4), Gnss()))
-    assert refusal(replace(FIX, satellites=5), Gnss()) is None
-    assert refusal(replace(FIX, satellites=None), Gnss()) is None, "RMC does not say"
-    assert refusal(replace(FIX, satellites=3), Gnss(min_satellites=0)) is None
+    assert "4 satellites" in str(refusal(FIX._replace(satellites=4), Gnss()))
+    assert refusal(FIX._replace(satellites=5), Gnss()) is None
+    assert refusal(FIX._replace(satellites=None), Gnss()) is None, "RMC does not say"
+    assert refusal(FIX._replace(satellites=3), Gnss(min_satellites=0)) is None
 
 
 @pytest.mark.parametrize(("quality", "word"), [(6, "dead reckoning"), (7, "by hand"), (8, "simulated")])
 def test_guesses_and_simulations_are_refused_unless_wanted(quality, word):
-    assert word in str(refusal(replace(FIX, quality=quality), Gnss()))
-    assert refusal(replace(FIX, quality=quality), Gnss(qualities=(quality,))) is None
+    assert word in str(refusal(FIX._replace(quality=quality), Gnss()))
+    assert refusal(FIX._replace(quality=quality), Gnss(qualities=(quality,))) is None
     for measured in (1, 2, 3, 4, 5):
-        assert refusal(replace(FIX, quality=measured), Gnss()) is None
+        assert refusal(FIX._replace(quality=measured), Gnss()) is None
 
 
 def test_a_poor_or_timeless_fix_is_refused_but_an_unknown_hdop_is_not():
-    assert "HDOP" in str(refusal(replace(FIX, hdop=20.1), Gnss()))
+    assert "HDOP" in str(refusal(FIX._replace(hdop=20.1), Gnss()))
     assert refusal(decode(gga(rest="1,08,99.99,545.4,M,46.9,M,,"))[0][0], Gnss()) is None
-    assert "no time" in str(refusal(replace(FIX, utc_s=None), Gnss()))
+    assert "no time" in str(refusal(FIX._replace(utc_s=None), Gnss()))
 
 
 class Says:
@@ -65,7 +64,7 @@ class Says:
     def feed(self, data, arrival_ns):
         self.status = ReceiverStatus(quality=1, arrival_ns=arrival_ns)
         self.decoded += 1
-        return [replace(FIX, **self.told, arrival_ns=arrival_ns, utc_s=float(self.decoded))]
+        return [FIX._replace(**self.told, arrival_ns=arrival_ns, utc_s=float(self.decoded))]
 
 
 @pytest.mark.parametrize(
@@ -80,9 +79,9 @@ class Says:
     ],
 )
 def test_a_fix_that_cannot_be_is_refused_and_a_fault(told):
-    assert refusal(replace(FIX, velocity_mps=(9000.0, -9000.0, math.nan), alt_msl_m=9e5), Gnss()) is None
+    assert refusal(FIX._replace(velocity_mps=(9000.0, -9000.0, math.nan), alt_msl_m=9e5), Gnss()) is None
     assert "cannot" not in str(refusal(FIX, Gnss()))
-    assert refusal(replace(FIX, **told), Gnss()).rule == "range"
+    assert refusal(FIX._replace(**told), Gnss()).rule == "range"
 
     receiver = Receiver(by_name("nmea"), Gnss(), 0)
     receiver.decoder = Says(**told)
@@ -109,8 +108,8 @@ def test_the_record_is_in_si_units():
     assert row["speed"] == pytest.approx(18520 / 3600)
     assert row["course"] == math.radians(90.0)
     assert all(math.isnan(v) for v in row["v"])
-    assert record(replace(FIX, satellites=None), 0, 0)["satellites"][0] == -1
-    assert np.isnan(record(replace(FIX, sigma_n_m=0.0, sigma_e_m=0.0), 0, 0)["sigma"]).all()  # as GST of some
+    assert record(FIX._replace(satellites=None), 0, 0)["satellites"][0] == -1
+    assert np.isnan(record(FIX._replace(sigma_n_m=0.0, sigma_e_m=0.0), 0, 0)["sigma"]).all()  # as GST of some
 
 
 @pytest.mark.parametrize(
@@ -130,7 +129,7 @@ def test_a_position_of_few_digits_is_no_better_than_its_rounding(lat, lon, sigma
     expected = [math.nan if sigma_m is None else sigma_m] * 2
     assert row["sigma"][:2].tolist() == pytest.approx(expected, rel=2e-3, nan_ok=True)
     assert math.isnan(row["sigma"][2])
-    worse = record(replace(fix, sigma_n_m=30.0, sigma_e_m=40.0), 0, 0)[0]
+    worse = record(fix._replace(sigma_n_m=30.0, sigma_e_m=40.0), 0, 0)[0]
     assert worse["sigma"][:2] == pytest.approx(
         [math.hypot(stated, sigma_m or 0.0) for stated in (30.0, 40.0)], rel=2e-3
     )
@@ -138,7 +137,7 @@ def test_a_position_of_few_digits_is_no_better_than_its_rounding(lat, lon, sigma
 
 def test_without_an_inertial_sensor_the_receivers_fix_is_published():
     kinds = ("TPV", "ATT", "IMU", "EST")
-    row = solution(record(replace(FIX, hdop=0.8), 5, 7))
+    row = solution(record(FIX._replace(hdop=0.8), 5, 7))
     view = View(solution=row.tobytes(), utc_s=1.7e9, gnss=ReceiverReport(quality=4, geoid_sep=46.9))
     (tpv,) = map(json.loads, Report(view).lines(kinds).splitlines())
     assert (tpv["mode"], tpv["status"], tpv["track"]) == (3, 3, pytest.approx(90.0))
@@ -146,7 +145,7 @@ def test_without_an_inertial_sensor_the_receivers_fix_is_published():
     assert tpv["eph"] == pytest.approx(2.448 * 2.0 * 0.8, rel=0.02)  # chi-square of two: 95 %
     assert tpv["speed"] == pytest.approx(18520 / 3600)
     assert "climb" not in tpv
-    held = solution(record(replace(FIX, dimensions=2, speed_mps=None), 5, 7))
+    held = solution(record(FIX._replace(dimensions=2, speed_mps=None), 5, 7))
     (tpv,) = map(json.loads, Report(view._replace(solution=held.tobytes(), gnss=None)).lines(kinds).splitlines())
     assert tpv["mode"] == 2
     assert not tpv.keys() & {"status", "altHAE", "speed", "track", "velN"}
@@ -157,8 +156,8 @@ def test_a_height_that_the_receiver_holds_is_unknown():
     flat = decode(line("GPGSA,A,2,01,03,,14,,,,,,,,,3.1,3.1,") + gga(rest="1,03,3.1,746.1,M,44.2,M,,"))[0][0]
     assert (flat.dimensions, flat.height_m) == (2, pytest.approx(790.3))
     assert math.isnan(record(flat, 0, 0)["height"][0])
-    assert record(replace(flat, dimensions=3), 0, 0)["height"][0] == pytest.approx(790.3)
-    assert record(replace(flat, dimensions=None), 0, 0)["height"][0] == pytest.approx(790.3)
+    assert record(flat._replace(dimensions=3), 0, 0)["height"][0] == pytest.approx(790.3)
+    assert record(flat._replace(dimensions=None), 0, 0)["height"][0] == pytest.approx(790.3)
 
 
 def test_settings_name_the_qualities_that_there_are():
@@ -311,7 +310,7 @@ def test_fixes_of_a_table_obey_the_same_settings(tmp_path):
 
 
 def test_a_receivers_sigma_of_the_velocity_counts_where_it_is_larger_than_the_learned_one():
-    known = replace(FIX, velocity_mps=(1.0, 2.0, None), velocity_sigma_mps=(0.1, 0.2, 0.3))
+    known = FIX._replace(velocity_mps=(1.0, 2.0, None), velocity_sigma_mps=(0.1, 0.2, 0.3))
     row = record(known, 0, 0)[0]
     assert (list(row["v"][:2]), list(row["sigma_v"])) == ([1.0, 2.0], [0.1, 0.2, 0.3])
     assert all(math.isnan(value) for value in record(FIX, 0, 0)["sigma_v"][0])

@@ -92,6 +92,20 @@ def test_a_replay_gives_the_daemons_estimates_bit_for_bit(recorded):
     assert len(found[0]) > 6 * RATE_HZ
 
 
+def test_without_receivers_the_samples_are_the_same(recorded):
+    found = []
+    for with_receivers in (True, False):
+        recording, adapt, samples, fixes = Recording([recorded]), adapter(None, (), "tilt"), [], []
+        handlers = Handlers(lambda rows, _, kept=samples: kept.append(rows.copy()), fix=fixes.append)
+        player = Player(recording.settings(adapt), adapt, Initial(), handlers, with_receivers=with_receivers)
+        for entry in recording:
+            player.take(entry)
+        found.append((np.concatenate(samples).tobytes(), len(fixes)))
+    (samples, fixes), (alone, none) = found
+    assert alone == samples
+    assert fixes > 5 and none == 0
+
+
 def test_a_truncated_recording_gives_the_same_up_to_its_end_and_is_reported(recorded, tmp_path):
     whole = stored(recorded, ESTIMATE_TABLE)
     cut = tmp_path / "cut.mcap"

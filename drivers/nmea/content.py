@@ -1,8 +1,9 @@
 """The contents of the sentences that the decoder uses, as typed values: `READERS` lists them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import date
+from functools import lru_cache
+from typing import NamedTuple
 
 from .sentences import RefusedError, Sentence, angle, calendar, integer, number, quotient, utc_ns
 
@@ -15,8 +16,7 @@ WAAS, DIFFERENTIAL = 9, 2  # NovAtel's code for a differential fix, and the stan
 QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "": 1}
 
 
-@dataclass(frozen=True)
-class GgaGns:
+class GgaGns(NamedTuple):
     """GGA, GNS."""
 
     utc_ns: int | None
@@ -30,8 +30,7 @@ class GgaGns:
     hdop: float | None = None
 
 
-@dataclass(frozen=True)
-class RmcGllGroup:
+class RmcGllGroup(NamedTuple):
     """RMC, GLL."""
 
     utc_ns: int | None
@@ -44,8 +43,7 @@ class RmcGllGroup:
     course_deg: float | None = None
 
 
-@dataclass(frozen=True)
-class Vtg:
+class Vtg(NamedTuple):
     """VTG."""
 
     speed_mps: float | None
@@ -53,8 +51,7 @@ class Vtg:
     utc_ns: int | None = None  # it has none
 
 
-@dataclass(frozen=True)
-class Gst:
+class Gst(NamedTuple):
     """GST, 1 sigma."""
 
     utc_ns: int | None
@@ -63,16 +60,14 @@ class Gst:
     sigma_d_m: float | None
 
 
-@dataclass(frozen=True)
-class Zda:
+class Zda(NamedTuple):
     """ZDA."""
 
     utc_ns: int | None
     date: date | None
 
 
-@dataclass(frozen=True)
-class GsaMode:
+class GsaMode(NamedTuple):
     """GSA."""
 
     dimensions: int  # 1: no fix
@@ -82,105 +77,116 @@ class GsaMode:
 Content = GgaGns | RmcGllGroup | Vtg | Gst | Zda | GsaMode
 
 
-def latlon(s: Sentence, first: int) -> tuple[float, float, float]:
-    """Latitude, longitude and `step_deg` of four fields; an empty position is rejected, not taken for 0, 0."""
-    lat = angle(s.field(first), s.field(first + 1), 2, "NS", 90, "latitude")
-    lon = angle(s.field(first + 2), s.field(first + 3), 3, "EW", 180, "longitude")
-    if lat is None or lon is None:
+@lru_cache(maxsize=1)
+def latlon(lat: str, ns: str, lon: str, ew: str) -> tuple[float, float, float]:
+    """Latitude, longitude and `step_deg` of four fields; an empty position is rejected, not taken for 0, 0.
+
+    The sentences of an epoch repeat them.
+    """
+    north = angle(lat, ns, 2, "NS", 90, "latitude")
+    east = angle(lon, ew, 3, "EW", 180, "longitude")
+    if north is None or east is None:
         raise RefusedError("position missing")
-    digits = min(len(s.field(i).partition(".")[2]) for i in (first, first + 2))
-    return lat, lon, 10.0**-digits / 60.0
+    digits = min(len(lat.partition(".")[2]), len(lon.partition(".")[2]))
+    return north, east, 10.0**-digits / 60.0
 
 
-def metres(s: Sentence, i: int, limit: float, reason: str) -> float | None:
-    """Field i, with its unit in the next one."""
-    if s.field(i + 1) not in ("M", ""):
+def metres(text: str, unit: str, limit: float, reason: str) -> float | None:
+    """A field with its unit."""
+    if unit not in ("M", ""):
         raise RefusedError("unit")
-    return number(s.field(i), -limit, limit, reason)
+    return number(text, -limit, limit, reason)
 
 
 def gga(s: Sentence) -> GgaGns:
     """Time, position, quality, satellites, HDOP, altitude, geoid."""
-    time_ns, quality = utc_ns(s.field(1)), integer(s.field(6), WAAS, "quality") or 0
+    time, lat, ns, lon, ew, kind, count, dop, height, height_unit, geoid, geoid_unit = s.first(GGA_FIELDS)
+    time_ns, quality = utc_ns(time), integer(kind, WAAS, "quality") or 0
     quality = DIFFERENTIAL if quality == WAAS else quality
-    satellites = integer(s.field(7), 999, "satellites")
+    satellites = integer(count, 999, "satellites")
     if quality == 0:  # the position may be a dummy such as 8960.000000
         return GgaGns(time_ns, 0, satellites)
     if len(s.fields) < GGA_FIELDS:
         raise RefusedError("too short")
-    height, geoid = metres(s, 9, 1e6, "altitude"), metres(s, 11, 1e3, "geoid")
-    return GgaGns(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+    heights = metres(height, height_unit, 1e6, "altitude"), metres(geoid, geoid_unit, 1e3, "geoid")
+    return GgaGns(time_ns, quality, satellites, *latlon(lat, ns, lon, ew), *heights, hdop(dop))
 
 
 def gns(s: Sentence) -> GgaGns:
     """Time, position, a mode letter for each satellite system, satellites, HDOP, altitude, geoid."""
-    time_ns, satellites = utc_ns(s.field(1)), integer(s.field(7), 999, "satellites")
-    letters = set(s.field(6)) - {"N"}
+    time, lat, ns, lon, ew, modes, count, dop, height, geoid = s.first(10)
+    time_ns, satellites = utc_ns(time), integer(count, 999, "satellites")
+    letters = set(modes) - {"N"}
     if not letters <= QUALITY_OF_MODE.keys():
         raise RefusedError("mode")
     if not letters:
         return GgaGns(time_ns, 0, satellites)
     quality = max((QUALITY_OF_MODE[letter] for letter in letters), key=RANKING.index)
-    height, geoid = number(s.field(9), -1e6, 1e6, "altitude"), number(s.field(10), -1e3, 1e3, "geoid")
-    return GgaGns(time_ns, quality, satellites, *latlon(s, 2), height, geoid, hdop(s))
+    heights = number(height, -1e6, 1e6, "altitude"), number(geoid, -1e3, 1e3, "geoid")
+    return GgaGns(time_ns, quality, satellites, *latlon(lat, ns, lon, ew), *heights, hdop(dop))
 
 
-def hdop(s: Sentence) -> float | None:
-    """Field 8 of GGA and GNS; 0 and 99.x mean that it is unknown."""
-    value = number(s.field(8), 0.0, 1e4, "HDOP")
+def hdop(text: str) -> float | None:
+    """0 and 99.x mean that it is unknown."""
+    value = number(text, 0.0, 1e4, "HDOP")
     return value if value and value < UNKNOWN_HDOP else None
 
 
 def rmc(s: Sentence) -> RmcGllGroup:
     """Time, status, position, speed, course, date, mode."""
-    time_ns, mode = utc_ns(s.field(1)), s.field(12)
-    if s.field(2) not in ("A", "V"):
+    time, status, lat, ns, lon, ew, knots, track, day, _, _, mode = s.first(12)
+    time_ns = utc_ns(time)
+    if status not in ("A", "V"):
         raise RefusedError("status")
-    if s.field(2) == "V" or mode == "N":
+    if status == "V" or mode == "N":
         return RmcGllGroup(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
-    position = latlon(s, 3)
-    speed = speed_mps(s.field(7), KNOTS)
-    return RmcGllGroup(time_ns, calendar(s.field(9)), QUALITY_OF_MODE[mode], *position, speed, course(s.field(8)))
+    position = latlon(lat, ns, lon, ew)
+    speed = speed_mps(knots, KNOTS)
+    return RmcGllGroup(time_ns, calendar(day), QUALITY_OF_MODE[mode], *position, speed, course(track))
 
 
 def gll(s: Sentence) -> RmcGllGroup:
     """Position, time, status, mode."""
-    time_ns, mode = utc_ns(s.field(5)), s.field(7)
-    if s.field(6) not in ("A", "V", "N"):  # N: V in some receivers
+    lat, ns, lon, ew, time, status, mode = s.first(7)
+    time_ns = utc_ns(time)
+    if status not in ("A", "V", "N"):  # N: V in some receivers
         raise RefusedError("status")
-    if s.field(6) != "A" or mode == "N":
+    if status != "A" or mode == "N":
         return RmcGllGroup(time_ns, None, 0)
     if mode not in QUALITY_OF_MODE:
         raise RefusedError("mode")
-    return RmcGllGroup(time_ns, None, QUALITY_OF_MODE[mode], *latlon(s, 1))
+    return RmcGllGroup(time_ns, None, QUALITY_OF_MODE[mode], *latlon(lat, ns, lon, ew))
 
 
 def vtg(s: Sentence) -> Vtg:
     """Course and speed. Before NMEA 2 there were no unit letters."""
     if len(s.fields) <= 4:
-        return Vtg(speed_mps(s.field(4), KMH, s.field(3)), course(s.field(1)))
-    if any(s.field(2 * i) not in (unit, "") for i, unit in enumerate("TMNK", start=1)):
+        track, _, knots, kmh = s.first(4)
+        return Vtg(speed_mps(kmh, KMH, knots), course(track))
+    track, true, _, magnetic, knots, knots_unit, kmh, kmh_unit, mode = s.first(9)
+    if true not in ("T", "") or magnetic not in ("M", "") or knots_unit not in ("N", "") or kmh_unit not in ("K", ""):
         raise RefusedError("unit")
-    speed, mode = speed_mps(s.field(7), KMH, s.field(5)), s.field(9)
-    if mode not in (*QUALITY_OF_MODE, "N"):
+    speed = speed_mps(kmh, KMH, knots)
+    if mode not in QUALITY_OF_MODE and mode != "N":
         raise RefusedError("mode")
-    return Vtg(None, None) if mode == "N" else Vtg(speed, course(s.field(1)))
+    return Vtg(None, None) if mode == "N" else Vtg(speed, course(track))
 
 
 def gst(s: Sentence) -> Gst:
     """Standard deviations of latitude, longitude, altitude."""
-    sigma = [number(s.field(i), 0.0, 1e7, "sigma") for i in (6, 7, 8)]
-    return Gst(utc_ns(s.field(1)), *sigma)
+    time, _, _, _, _, *sigmas = s.first(8)
+    north, east, down = (number(sigma, 0.0, 1e7, "sigma") for sigma in sigmas)
+    return Gst(utc_ns(time), north, east, down)
 
 
 def zda(s: Sentence) -> Zda:
     """Time and date."""
-    day, month, year = s.field(2), s.field(3), s.field(4)
+    time, day, month, year = s.first(4)
     if year and len(year) != 4:
         raise RefusedError("date")
-    return Zda(utc_ns(s.field(1)), calendar(day + month + year[2:]))
+    return Zda(utc_ns(time), calendar(day + month + year[2:]))
 
 
 def gsa(s: Sentence) -> GsaMode:

@@ -9,8 +9,8 @@ their time is ahead.
 from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
-from .content import READERS, Content, GsaMode
-from .epochs import Epoch, same_time
+from .content import READERS, Content, GgaGns, GsaMode, RmcGllGroup
+from .epochs import Epoch, contradictory, same_time
 from .readings import READERS as READINGS
 from .readings import ReadingCollector
 from .sentences import RefusedError, Sentence, Splitter
@@ -232,21 +232,19 @@ class NmeaDecoder:
             self.counters["no fix"] += 1
         elif same_time(epoch.utc_ns, self._last_fix_utc_ns):
             self.counters["repeated"] += 1
-        elif epoch.contradictory():
+        elif contradictory(positions := epoch.positions()):
             self.counters["contradictory"] += 1
         else:
-            return self._make_fix(epoch, status.quality)
+            return [self._make_fix(epoch, positions[0], status)]
         return []
 
-    def _make_fix(self, epoch: Epoch, quality: int) -> list[Fix]:
+    def _make_fix(self, epoch: Epoch, position: GgaGns | RmcGllGroup, status: ReceiverStatus) -> Fix:
         agrees = epoch.vtg_agrees()
         self._vtg_agrees = self._vtg_agrees if agrees is None else agrees
-        fix = epoch.fix(quality, self._gsa.dimensions_for_fix(), self._vtg_agrees)
-        if fix is None:
-            return []
+        fix = epoch.fix(position, status, self._gsa.dimensions_for_fix(), self._vtg_agrees)
         if epoch.utc_ns is not None and self._last_fix_utc_ns is not None:
             step_ns = epoch.utc_ns - self._last_fix_utc_ns
             self._interval_ns = step_ns if 0 < step_ns < INTERVAL_MAX_NS else INTERVAL_MAX_NS
         self._last_fix_utc_ns = epoch.utc_ns
         self.counters["fixes"] += 1
-        return [fix]
+        return fix

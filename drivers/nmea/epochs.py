@@ -1,6 +1,7 @@
 """An epoch: the sentences of one burst, and the fix that they make together."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..fix import Fix, ReceiverStatus
@@ -56,44 +57,36 @@ class Epoch:
 
     def status(self) -> ReceiverStatus | None:
         """The receiver's status; None: unknown. Where GGA and RMC are there, both must be valid."""
-        named = [sentence for sentence in (self.gga, self.rmc) if sentence] or [
-            sentence for sentence in (self.gns, self.gll) if sentence
-        ]
-        if not named:
+        first, other = (self.gga, self.rmc) if self.gga or self.rmc else (self.gns, self.gll)
+        named = first or other
+        if named is None:
             return None
-        quality = 0 if any(sentence.quality == 0 for sentence in named) else named[0].quality
-        satellites = self.satellites() if quality else (self.gga or self.gns or GgaGns(None, 0, None)).satellites
+        is_valid = named.quality != 0 and (other is None or other.quality != 0)
+        quality = named.quality if is_valid else 0
+        satellites = self._satellites() if quality else (self.gga or self.gns or GgaGns(None, 0, None)).satellites
         return ReceiverStatus(quality, satellites, self.arrival_ns)
 
-    def satellites(self) -> int | None:
+    def _satellites(self) -> int | None:
         """In use. 0 in GGA with a fix, as of some receivers, means unknown."""
-        counts = [sentence.satellites for sentence in (self.gga, self.gns) if sentence]
-        return next((count for count in counts if count), None)
+        return (self.gga.satellites if self.gga else None) or (self.gns.satellites if self.gns else None) or None
 
     def positions(self) -> list[GgaGns | RmcGllGroup]:
         """The sentences with a position, the richest first."""
         return [sentence for sentence in (self.gga, self.gns, self.rmc, self.gll) if sentence and sentence.quality]
 
-    def contradictory(self) -> bool:
-        """Whether two sentences of it give different positions."""
-        positions = self.positions()
-        return any(_separation_deg(positions[0], other) > FAR_DEG for other in positions[1:])
-
     def vtg_agrees(self) -> bool | None:
         """Whether VTG gives the speed of RMC; None if one of them does not give any."""
-        rmc, vtg = (sentence.speed_mps if sentence else None for sentence in (self.rmc, self.vtg))
+        rmc, vtg = self.rmc and self.rmc.speed_mps, self.vtg and self.vtg.speed_mps
         return None if rmc is None or vtg is None else abs(rmc - vtg) < ROUNDING_MPS
 
-    def fix(self, quality: int, dimensions: int | None, with_vtg: bool) -> Fix | None:
-        """The burst as a fix of `quality`; None without a position."""
-        positions = self.positions()
-        if not positions:
-            return None
-        position = positions[0]
+    def fix(
+        self, position: GgaGns | RmcGllGroup, status: ReceiverStatus, dimensions: int | None, with_vtg: bool
+    ) -> Fix:
+        """The burst as a fix; position: the sentence with which it is."""
         # RMC's time says to which position its speed belongs; of VTG only its order in the burst is known.
         motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
-        height = self.gga or self.gns or GgaGns(None, quality, None)
+        height = self.gga or self.gns or GgaGns(None, status.quality, None)
         gst = self.gst or Gst(None, None, None, None)
         return Fix(
             arrival_ns=self.arrival_ns,
@@ -104,8 +97,8 @@ class Epoch:
             step_deg=position.step_deg,
             alt_msl_m=height.alt_msl_m,
             geoid_sep_m=height.geoid_sep_m,
-            quality=quality,
-            satellites=self.satellites(),
+            quality=status.quality,
+            satellites=status.satellites,
             hdop=height.hdop,
             speed_mps=motion.speed_mps if motion else None,
             course_deg=motion.course_deg if motion else None,
@@ -114,6 +107,11 @@ class Epoch:
             sigma_d_m=gst.sigma_d_m,
             dimensions=dimensions,
         )
+
+
+def contradictory(positions: Sequence[GgaGns | RmcGllGroup]) -> bool:
+    """Whether they are different."""
+    return any(_separation_deg(positions[0], other) > FAR_DEG for other in positions[1:])
 
 
 def _separation_deg(a: GgaGns | RmcGllGroup, b: GgaGns | RmcGllGroup) -> float:

@@ -8,7 +8,6 @@ WXT530 (units of XDR); names of transducers: Airmar 200WX, Signal K, OpenCPN, Ya
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 
 from ..fix import Reading
 from .content import KMH, KNOTS, course
@@ -146,4 +145,4 @@ def _near(reading: Reading, epoch: Epoch) -> bool:
 
 
 def _timed(reading: Reading, time_ns: int) -> Reading:
-    return replace(reading, utc_s=time_ns * _SECOND)
+    return reading._replace(utc_s=time_ns * _SECOND)

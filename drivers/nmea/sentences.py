@@ -9,14 +9,15 @@ Source: NMEA 0183 v4.11, gpsd's NMEA.adoc.
 
 import re
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from datetime import date
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import xor
+from typing import NamedTuple
 
 LENGTH_MAX = 512  # bytes; the standard has 82, receivers send more
-BODY = re.compile(rb"([A-Z0-9]{2,})((?:,[\x20-\x7e]*)?)")
+LINE_END = re.compile(rb"[\r\n]")
+BODY = re.compile(rb"[A-Z0-9]{2,}(?:,[\x20-\x7e]*)?")
 ENDING = re.compile(rb"\*([0-9A-Fa-f]{2})")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d*))?")
@@ -28,8 +29,7 @@ class RefusedError(ValueError):
     """A rejected sentence; the message is the reason under which it is counted."""
 
 
-@dataclass(frozen=True)
-class Sentence:
+class Sentence(NamedTuple):
     """A sentence whose checksum is right, or which may lack it."""
 
     talker: str
@@ -41,38 +41,49 @@ class Sentence:
         """Field i, counted from 1 after the address; empty if the sentence is shorter."""
         return self.fields[i - 1] if 1 <= i <= len(self.fields) else ""
 
+    def first(self, n: int) -> tuple[str, ...]:
+        """Fields 1 to n; empty where the sentence is shorter."""
+        return (*self.fields[:n], *[""] * (n - len(self.fields)))
+
 
 class Splitter:
     """Bytes to sentences. Any chunking gives the same sentences. unchecked: they may lack a checksum."""
 
     def __init__(self, counters: Counter[str], unchecked: bool = False) -> None:
         self._counters, self._unchecked = counters, unchecked
-        self._line = bytearray()
+        self._line = b""
         self._inside = False
         self._arrival_ns = 0
 
     def feed(self, data: bytes, arrival_ns: int) -> Iterator[Sentence]:
         """Split bytes; yields the sentences that they complete."""
-        for piece in re.split(rb"([$\r\n])", data):
-            if piece in (b"$", b"\r", b"\n"):
-                yield from self._end(torn=piece == b"$")
-                if piece == b"$":
-                    self._inside, self._arrival_ns = True, arrival_ns
-            elif self._inside:
+        for i, text in enumerate(data.split(b"$")):
+            if i > 0:
+                if self._inside:
+                    yield from self._end(torn=True)
+                self._inside, self._arrival_ns = True, arrival_ns
+            rest = text
+            if self._inside:
+                piece, *ended = LINE_END.split(text, maxsplit=1)
                 self._line += piece[: LENGTH_MAX + 1 - len(self._line)]
-            elif piece:
-                self._counters["noise bytes"] += len(piece)
+                if not ended:
+                    continue
+                yield from self._end(torn=False)
+                rest = ended[0]
+            if noise := len(rest.translate(None, b"\r\n")):
+                self._counters["noise bytes"] += noise
 
-    def _end(self, torn: bool) -> Iterator[Sentence]:
-        if self._inside and not self._line:  # `$$`
+    def _end(self, torn: bool) -> Sequence[Sentence]:
+        """The line is over; torn: by the `$` of the next one."""
+        line, self._line, self._inside = self._line, b"", False
+        if not line:  # `$$`
             self._counters["noise bytes"] += 1
-        elif self._inside:
-            try:
-                yield self._checked(bytes(self._line), torn)
-            except RefusedError as reason:
-                self._counters[str(reason)] += 1
-        self._inside = False
-        self._line.clear()
+            return ()
+        try:
+            return (self._checked(line, torn),)
+        except RefusedError as reason:
+            self._counters[str(reason)] += 1
+            return ()
 
     def _checked(self, line: bytes, torn: bool) -> Sentence:
         ending = ENDING.search(line)
@@ -83,12 +94,11 @@ class Splitter:
         body = line[: ending.start()] if ending else line.rstrip()
         if ending and checksum(body) != int(ending[1], 16):
             raise RefusedError("wrong checksum")
-        parts = BODY.fullmatch(body)
-        if parts is None:
+        if not BODY.fullmatch(body):
             raise RefusedError("garbage")
-        address = parts[1].decode("ascii")
+        address, *fields = body.decode("ascii").split(",")
         talker, kind = ("P", address[1:]) if address[0] == "P" else (address[:2], address[2:])
-        return Sentence(talker, kind, tuple(parts[2].decode("ascii").split(",")[1:]), self._arrival_ns)
+        return Sentence(talker, kind, tuple(fields), self._arrival_ns)
 
 
 def checksum(body: bytes) -> int:
@@ -100,9 +110,9 @@ def number(text: str, low: float, high: float, reason: str) -> float | None:
     """A decimal number within [low, high], correctly rounded."""
     if not text:
         return None
-    if not NUMBER.fullmatch(text) or not low <= float(text) <= high:
+    if not NUMBER.fullmatch(text) or not low <= (value := float(text)) <= high:
         raise RefusedError(reason)
-    return float(text)
+    return value
 
 
 def quotient(text: str, numerator: int, denominator: int) -> float:
@@ -121,20 +131,22 @@ def integer(text: str, high: int, reason: str) -> int | None:
     return int(text)
 
 
+@lru_cache(maxsize=1)
 def utc_ns(text: str) -> int | None:
-    """hhmmss.sss as nanoseconds of the day."""
+    """hhmmss.sss as nanoseconds of the day. The sentences of an epoch repeat it."""
     if not text:
         return None
     parts = TIME.fullmatch(text)
     if parts is None:
         raise RefusedError("time")
-    hours, minutes, seconds = (int(part) for part in parts.group(1, 2, 3))
+    hours, minutes, seconds = map(int, parts.group(1, 2, 3))
     if hours > 23 or minutes > 59 or seconds > 60:
         raise RefusedError("time")
     fraction = int((parts[4] or "").ljust(9, "0")[:9])
     return (hours * 3600 + minutes * 60 + seconds) * 1_000_000_000 + fraction
 
 
+@lru_cache(maxsize=1)
 def calendar(text: str) -> date | None:
     """ddmmyy; years from 80 on belong to the last century."""
     if not text:
@@ -142,7 +154,7 @@ def calendar(text: str) -> date | None:
     parts = DATE.fullmatch(text)
     if parts is None:
         raise RefusedError("date")
-    day, month, year = (int(part) for part in parts.groups())
+    day, month, year = map(int, parts.groups())
     try:
         return date(year + (1900 if year >= 80 else 2000), month, day)
     except ValueError as error:

@@ -5,7 +5,6 @@ the fix is ready when the next epoch begins, or when the line has been quiet.
 """
 
 from collections import Counter
-from dataclasses import replace
 
 from ..fix import Fix, ReceiverStatus, Sky
 from .epochs import Epoch
@@ -62,7 +61,7 @@ class UbxDecoder:
             self.counters[str(reason)] += 1
             return []
         if isinstance(read, Sky):
-            self.sky = replace(read, pdop=self.sky.pdop, vdop=self.sky.vdop)
+            self.sky = read._replace(pdop=self.sky.pdop, vdop=self.sky.vdop)
             return []
         if isinstance(read, Interference):
             self._note(read)
@@ -72,7 +71,7 @@ class UbxDecoder:
     def _note(self, read: Interference) -> None:
         jamming = self.status.jamming if read.jamming is None else read.jamming
         spoofing = self.status.spoofing if read.spoofing is None else read.spoofing
-        self.status = replace(self.status, jamming=jamming, spoofing=spoofing)
+        self.status = self.status._replace(jamming=jamming, spoofing=spoofing)
 
     def _assign(self, frame: Frame, read: Content, time: int) -> list[Fix]:
         """Put a message into the epoch to which it belongs."""
@@ -104,7 +103,7 @@ class UbxDecoder:
             self.counters["without NAV-PVT"] += 1
             return []
         self.status = epoch.status(self.status)
-        self.sky = replace(self.sky, pdop=epoch.pvt.pdop, vdop=epoch.dop.vdop)
+        self.sky = self.sky._replace(pdop=epoch.pvt.pdop, vdop=epoch.dop.vdop)
         if not epoch.pvt.quality:
             self.counters["no fix"] += 1
             return []

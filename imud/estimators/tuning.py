@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +57,9 @@ def dtype_of(tunables: Iterable[Tunable]) -> np.dtype[np.void]:
     return np.dtype([(t.name, "<i8" if isinstance(t.default, int) else "<f8") for t in tunables], align=True)
 
 
-def values_of(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> NDArray[np.void]:
-    """A record (1 element of `dtype_of`) of the defaults and the user's changes, which `problems` has accepted."""
-    tunables = tuple(tunables)
-    record = np.zeros(1, dtype_of(tunables))
-    for tunable in tunables:
-        record[tunable.name] = changed.get(tunable.name, tunable.default)
-    return record
+def values_of(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> tuple[float, ...]:
+    """What a `dtype_of` holds: the defaults, and the user's changes, which `problems` has accepted."""
+    return tuple(changed.get(tunable.name, tunable.default) for tunable in tunables)
 
 
 def problems(tunables: Iterable[Tunable], changed: Mapping[str, float]) -> Iterator[tuple[str, str]]:

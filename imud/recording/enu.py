@@ -58,14 +58,6 @@ def each(function: Callable[..., float], *columns: Any) -> Any:
     return np.fromiter(map(function, *(column.tolist() for column in columns)), float, len(columns[0]))
 
 
-def length(v: Floats) -> Floats:
-    """Of n vectors (n x any). Squares and roots have the same digits everywhere."""
-    square = v[:, 0] * v[:, 0]
-    for k in range(1, v.shape[1]):
-        square = square + v[:, k] * v[:, k]
-    return np.asarray(np.sqrt(square), float)
-
-
 def _ecef(lat: Any, lon: Any, height: Any) -> tuple[Any, Any, Any]:
     """Of arrays."""
     s = each(math.sin, lat)

@@ -103,13 +103,18 @@ class Player:
         initial: Initial,
         handlers: Handlers,
         calibration: Calibration | None = None,
+        with_receivers: bool = True,
     ) -> None:
-        """adapt: from recorded settings to those of the replay. calibration: instead of the recorded one."""
+        """adapt: from recorded settings to those of the replay. calibration: instead of the recorded one.
+
+        with_receivers: else what they sent is left out, as for one who wants the samples only.
+        """
         self.samples = self.fixes = 0
         self._settings = settings
         self._adapt = adapt
         self._handlers = handlers
         self._calibration = calibration
+        self._with_receivers = with_receivers
         self._steps = Steps(self._step)
         self._selection = EstimatorSelection(settings, handlers.warn, initial)
         self._line = Replayed()
@@ -156,7 +161,7 @@ class Player:
         for port, first, last, first_byte in reads.runs():
             sensor = self._ports.get(port)
             if isinstance(sensor, Receiver):
-                for raw in reads.part(first, last, first_byte):
+                for raw in reads.part(first, last, first_byte) if self._with_receivers else ():
                     self._receive(sensor, raw)
             elif sensor is not None:
                 self._steps.run(sensor.pipeline, first, last, first_byte)

@@ -104,7 +104,7 @@ def group(paths: Sequence[Path]) -> tuple[list[Recording], list[str]]:
 
     A second file of the same part is a copy, and a recording of its own.
     """
-    sessions: dict[tuple[str, int], list[Path]] = {}
+    sessions: dict[tuple[str, int], list[Recording]] = {}
     seen = Counter[tuple[str, str]]()
     failed: list[str] = []
     for path in paths:
@@ -117,9 +117,12 @@ def group(paths: Sequence[Path]) -> tuple[list[Recording], list[str]]:
         else:
             session = single.facts.get("session", str(path))
             part = session, single.facts.get("part", "")
-            sessions.setdefault((session, seen[part]), []).append(path)
+            sessions.setdefault((session, seen[part]), []).append(single)
             seen[part] += 1
-    return [Recording(files) for files in sessions.values()], failed
+    return [
+        parts[0] if len(parts) == 1 else Recording([path for part in parts for path in part.paths])
+        for parts in sessions.values()
+    ], failed
 
 
 def print_notes(command: str, notes: Sequence[str]) -> None:

@@ -70,7 +70,7 @@ class Converter:
             transforms = motion.map_to_odom[known], motion.odom_to_body[known]
             yield Block("/tf", unix_ns[known], messages.motion(unix_ns[known], *transforms))
         if (placed := motion.is_placed).any():
-            rows, at = solutions[placed], unix_ns[placed]
+            rows, at = (solutions, unix_ns) if placed.all() else (solutions[placed], unix_ns[placed])
             yield Block("odometry", at, messages.odometry(rows, at, motion.place[placed], self.sigmas.gyro))
             yield Block("fix/filtered", at, messages.filtered_fix(rows, at))
 

@@ -4,6 +4,7 @@ World is ENU, body FLU, quaternions x y z w; twists are in the body's axes. A co
 with -1 says that there is no such estimate. Covariances of an orientation are those of its roll, pitch and yaw.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 
 from imud.drivers.sample import NO_FORCE, NO_RATE, SUSPECT
 
+from ..compile.entry import entry
 from ..estimators.records import ATTITUDE_VALID, HEIGHT_VALID, POSITION_VALID
 from ..math.arrays import Floats, Indices, Records
-from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, attitude, length, world
+from ..recording.enu import ANTENNA, BODY, IMU, MAP, ODOM, attitude, world
 from ..sensor_errors.profiles import SampleSigma
 from .cdr import Cdr
 from .frames import Transform
@@ -22,7 +24,6 @@ from .reckoning import BODY_VELOCITY, body_velocities
 
 _NONE = [-1.0, *[0.0] * 8]
 _NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
-_FLU = (1.0, -1.0, -1.0)  # of FRD
 UNKNOWN_VAR = 1e6  # of what is not known, where a message has no way to say so: a height, rates
 # Largest sigma, rate or force: more, or no number, is what a damaged state has, and its square may not be finite.
 _LARGEST = 1e9
@@ -54,14 +55,30 @@ def _measured(v: Floats, sensor: SampleSigma | None, is_known: Any = True, bias:
     rows = np.zeros((len(v), 12))
     rows[:, 3] = -1.0
     if sensor is not None:
-        possible = np.all(np.abs(v) < _LARGEST, axis=1)
-        known, v = possible & is_known, np.where(possible[:, None], v, 0.0)
-        size = sensor.scale * length(v)
-        biases = np.full(v.shape, sensor.bias) if bias is None else np.where(np.isfinite(bias), bias, sensor.bias)
-        sigmas = np.sqrt((sensor.white**2 + size * size)[:, None] + _variances(biases))
-        rows[known, :3] = (v * _FLU)[known]
-        rows[known, 3::4] = (sigmas * sigmas)[known]
+        biases = np.full(v.shape, math.nan) if bias is None else np.array(bias)
+        known = np.empty(len(v), np.int64)
+        known[:] = is_known
+        what = np.array([sensor.white**2, sensor.scale, sensor.bias])
+        fill_measured(np.array(v).ravel(), known, biases.ravel(), what, rows.ravel())
     return rows
+
+
+@entry
+def fill_measured(v: Floats, known: Indices, biases: Floats, sensor: Floats, rows: Floats) -> None:
+    """See `_measured`. sensor: variance of its white noise, sigmas of its scale and of its bias at the switch-on."""
+    for i in range(len(known)):
+        x, y, z = v[3 * i], v[3 * i + 1], v[3 * i + 2]
+        if not known[i] or not (abs(x) < _LARGEST and abs(y) < _LARGEST and abs(z) < _LARGEST):
+            continue
+        row = rows[12 * i :]
+        row[0], row[1], row[2] = x, -y, -z
+        size = sensor[1] * math.sqrt(x * x + y * y + z * z)
+        for k in range(3):
+            bias = biases[3 * i + k]
+            bias = bias if math.isfinite(bias) else sensor[2]
+            bias = bias if abs(bias) < _LARGEST else _LARGEST
+            sigma = math.sqrt(sensor[0] + size * size + bias * bias)
+            row[3 + 4 * k] = sigma * sigma
 
 
 def imu_raw(samples: Records, unix_ns: Indices, sigmas: Sigmas) -> Cdr:
@@ -138,10 +155,9 @@ def odometry(solutions: Records, unix_ns: Indices, place: Floats, gyro: SampleSi
     message.quaternion(attitude(solutions["q_nb"].T)).doubles(_diagonal(variances))
     velocity, spread = body_velocity(solutions)
     rates = _measured(solutions["w"], gyro, bias=solutions["sigma_bg"])
-    covariance = np.tile(np.diag([UNKNOWN_VAR] * 6), (len(solutions), 1, 1))
-    covariance[:, :3, :3] = spread
-    known = rates[:, 3] >= 0.0
-    covariance[known, 3:, 3:] = rates[known, 3:].reshape(-1, 3, 3)
+    covariance = np.zeros((len(solutions), 6, 6))
+    covariance[:, :3, :3], covariance[:, 3:, 3:] = spread, rates[:, 3:].reshape(-1, 3, 3)
+    covariance[rates[:, 3] < 0.0, 3:, 3:] = UNKNOWN_VAR * np.eye(3)
     return message.doubles(velocity, rates[:, :3], covariance.reshape(-1, 36))
 
 

@@ -3,6 +3,7 @@
 A file is always replaced as a whole. Each part of it says when, at which temperature and how well it was found.
 """
 
+import functools
 import math
 import os
 import re
@@ -159,6 +160,7 @@ CORRECTION = np.dtype(
 )
 
 
+@functools.lru_cache(maxsize=4)
 def _rotation(rpy_deg: Triple) -> NDArray[np.float64]:
     q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy_deg))
     return np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)

@@ -63,12 +63,13 @@ class EstimatorSelection:
         self._serial, self._port = serial, port
         inertial = self.inertial if same and self.estimator.survives_power_on else None
         if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS:
-            self._set_up(inertial, settings, calibration)
+            inertial.pipeline.filter.configure(settings)
+            inertial.pipeline.filter.calibrate(calibration)
         else:
             is_given = self._initial != _UNKNOWN  # newer than what an earlier run has stored
             inertial = self._begin(driver, configured, settings)
             self._initial, self._made_for = _UNKNOWN, made_for
-            self._set_up(inertial, settings, calibration)
+            inertial.pipeline.filter.calibrate(calibration)
             self.resumed = inertial.pipeline.filter.restore(replace(stored, checkpoint=b"") if is_given else stored)
         self.inertial = inertial
         again = self.resumed or inertial.newest is not None
@@ -82,11 +83,6 @@ class EstimatorSelection:
         pipeline = InertialPipeline(driver, driver.new_state(configured), filter_)
         pipeline.record["count"] = self.inertial.samples if self.inertial else 0
         return Inertial(pipeline, self.inertial.totals() if self.inertial else None)
-
-    @staticmethod
-    def _set_up(inertial: Inertial, settings: Settings, calibration: Calibration) -> None:
-        inertial.pipeline.filter.configure(settings)
-        inertial.pipeline.filter.calibrate(calibration)
 
     def _start(self, settings: Settings) -> Initial:
         """What is known of the start, at the start only. What an earlier run has stored is newer than the settings."""

@@ -8,10 +8,11 @@ and drifts of the positions have another ratio in each chord.
 import cmath
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from ..math.arrays import Records
+from ..math.arrays import Floats, Records
 from .gnss import Refusal
 
 FROZEN = Refusal("frozen", "their position has never changed although their velocity says that it moves")
@@ -46,8 +47,9 @@ class FixConsistency:
 
     def add(self, fix: Records) -> None:
         """fix: array of one FIX."""
-        row = fix[0]
-        last, now = self._last, (int(row["t_ns"]), float(row["lat"]), float(row["lon"]), _velocity(row))
+        row: Any = fix.item()
+        t_ns, _, lat, lon, _, sigma, hdop, v, speed, course, *_ = row
+        last, now = self._last, (t_ns, lat, lon, _velocity(v, speed, course))
         self._last = now
         if last is None:
             return
@@ -61,7 +63,7 @@ class FixConsistency:
         self.is_frozen = self.is_frozen and not self._moved
         self._integral += mean * interval_ns * 1e-9
         self._displacement += step
-        if abs(self._integral) >= max(_CHORD_M, _SIGMAS * _sigma(row)):
+        if abs(self._integral) >= max(_CHORD_M, _SIGMAS * _sigma(sigma, hdop)):
             self._end_chord()
 
     def _end_chord(self) -> None:
@@ -120,17 +122,16 @@ def consistent(fixes: Records, warn: Callable[[str], object]) -> Records:
     return np.concatenate(kept)
 
 
-def _velocity(row: np.void) -> complex:
-    """North + i east, m/s; NaN where it does not say, or hardly moves."""
-    stated = complex(row["v"][0], row["v"][1])
-    if not cmath.isfinite(stated) and abs(row["speed"]) < _FAST_MPS and math.isfinite(row["course"]):
-        stated = cmath.rect(row["speed"], row["course"])
+def _velocity(v: Floats, speed: float, course: float) -> complex:
+    """North + i east, m/s; NaN where the fix does not say, or hardly moves."""
+    stated = complex(v[0], v[1])
+    if not cmath.isfinite(stated) and abs(speed) < _FAST_MPS and math.isfinite(course):
+        stated = cmath.rect(speed, course)
     size = max(abs(stated.real), abs(stated.imag))
     return stated if _SLOW_MPS < size < _FAST_MPS else complex(math.nan)
 
 
-def _sigma(row: np.void) -> float:
-    """Horizontal, m; 0 where it does not say."""
-    stated = max(float(row["sigma"][0]), float(row["sigma"][1]))
-    hdop = float(row["hdop"])
+def _sigma(sigma: Floats, hdop: float) -> float:
+    """Horizontal, m; 0 where the fix does not say."""
+    stated = max(float(sigma[0]), float(sigma[1]))
     return stated if math.isfinite(stated) else _HDOP_M * hdop if math.isfinite(hdop) else 0.0

@@ -3,6 +3,7 @@
 Whatever the file or an option holds, the result is settings within the schema's ranges, or a ConfigError.
 """
 
+import functools
 import re
 import reprlib
 import tomllib
@@ -25,9 +26,15 @@ _PROBLEMS_MAX = 50  # in one message
 _NOT_TOML = (ValueError, RecursionError)  # TOMLDecodeError, an integer of thousands of digits; deeply nested arrays
 
 
+@functools.cache
+def _fields(schema: type[msgspec.Struct]) -> dict[str, Any]:
+    """The type of each key, which takes long to find."""
+    return get_type_hints(schema, include_extras=True)
+
+
 def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str = "") -> Iterable[tuple[str, str]]:
     """(key path, what is wrong) for every key of `table` that `schema` does not take."""
-    fields = get_type_hints(schema, include_extras=True)
+    fields = _fields(schema)
     for key, value in table.items():
         path = prefix + key
         if key not in fields:

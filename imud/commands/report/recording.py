@@ -131,15 +131,16 @@ def read_recording(path: Path, name: str, progress: Progress) -> Part:
     """
     recording, found = Recording([path]), _Collector(name)
     adapt = adapter(None, (), "tilt")  # the cheapest estimator: only the samples are wanted
-    player = Player(recording.settings(adapt), adapt, Initial(), Handlers(found.decoded, warn=recording.notes.append))
+    handlers = Handlers(found.decoded, warn=recording.notes.append)
+    player = Player(recording.settings(adapt), adapt, Initial(), handlers, with_receivers=False)
     done = 0
     try:
         for entry in recording:
             player.take(entry)
             found.take(entry)
-            if recording.read_bytes != done:
-                progress(recording.read_bytes - done)
-                done = recording.read_bytes
+            if (read := recording.read_bytes) != done:
+                progress(read - done)
+                done = read
         progress(recording.bytes - done)  # behind the last message is the file's index
         found.finish()
     except (ValueError, KeyError, TypeError) as error:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.daemon.status_reporter import StatusReporter
-from imud.estimators.ins.aiding.lever_arm_prior import odds_of_mistake, set_gnss_lever_arm
+from imud.estimators.ins.aiding.lever_arm_prior import odds_of_mistake, set_gnss_lever_arm, weigh_lever_arm
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, GNSS_LEVER_ARM, LEVER_ARM_FAULT, NAVIGATING, POSITION, STATES
@@ -202,6 +202,23 @@ def test_the_odds_are_those_of_two_filters():
         P = 1.0 / (1.0 / ruler**2 + n / noise**2)
         odds = interpreted(odds_of_mistake)(p, rho2, -P * y.sum() / noise**2, rho2 - P)
         assert np.log(odds) == pytest.approx(likelihoods[0] - likelihoods[1], abs=1e-9)
+
+
+@pytest.mark.parametrize(("odds", "is_wrong"), [(19.0, False), (21.0, True)])
+def test_odds_of_twenty_give_a_component_its_larger_prior(odds, is_wrong):
+    """Then its variance is that of a filter which began with it."""
+    p = configure(Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), 100.0)[0]
+    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    c["alignment"]["mode"], c["gnss"]["is_measured"] = NAVIGATING, (0, 1, 0)
+    ruler2, wide2, information = 0.03**2, 0.2**2, 1.0 / 0.05**2
+    rho2, known = 1.0 / (1.0 / ruler2 - 1.0 / wide2), 1.0 / (1.0 / ruler2 + information)
+    s = rho2 - known
+    z = np.sqrt(2.0 * s * np.log(odds * np.sqrt(s * (wide2 + rho2)) / rho2))
+    right = interpreted(packed_index)(STATES, GNSS_LEVER_ARM + 1, GNSS_LEVER_ARM + 1)
+    c["nav"]["gnss_lever_arm"][1], c["cov"]["P"][right] = z, known
+    assert in_c(weigh_lever_arm)(p, c) == is_wrong
+    assert c["cov"]["P"][right] == pytest.approx(1.0 / (1.0 / wide2 + information) if is_wrong else known)
+    assert c["gnss"]["is_measured"][1] == (not is_wrong)
 
 
 @pytest.mark.parametrize(("mistake", "is_looked_for"), [(0.0, False), (1.0, True)])

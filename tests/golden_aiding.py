@@ -418,9 +418,9 @@ def magnetometer_turned_from_the_start():
 
 @golden("navigation")
 def compass_and_a_wrong_lever_arm():
-    """Of a receiver of centimetres, by a metre to the right."""
+    """Of a survey, by a metre to the right."""
     d, rng = road(110.0, rest=15.0), random(89)
-    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1, sigma=0.01, white=0.01)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, sigma=0.01, white=0.01)
     fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
     run = navigated(samples, fixes, lever_arm_m=(0.0, 1.0, 0.0))
     return replace(run, measurements=headings(d, seed=90))

@@ -268,13 +268,19 @@ def late_positions():
 
 
 @golden("navigation")
-def wrong_lever_arm():
-    """Centimetres, and a lever arm that is given wrong by a metre to the right."""
+def wrong_lever_arm(late=0.1, right=-0.28):
+    """Centimetres, and a lever arm that is given wrong by 0.12 m to the right."""
     d, rng, lever = road(110.0), random(88), (0.5, -0.4, -1.0)
-    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1, sigma=0.01, white=0.01)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=late, sigma=0.01, white=0.01)
     fixes = at_antenna(d, fixes, np.array(lever))
     fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
-    return navigated(samples, fixes, lever_arm_m=(0.5, 0.6, -1.0))
+    return navigated(samples, fixes, lever_arm_m=(0.5, right, -1.0))
+
+
+@golden("navigation")
+def wrong_lever_arm_of_a_survey():
+    """The same by a metre, of one whose epochs count as exact."""
+    return wrong_lever_arm(late=0.0, right=0.6)
 
 
 @golden("navigation")

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.daemon.status_reporter import StatusReporter
-from imud.estimators.ins.aiding.gnss_noise import set_gnss_lever_arm
+from imud.estimators.ins.aiding.lever_arm_prior import odds_of_mistake, set_gnss_lever_arm, weigh_lever_arm
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, GNSS_LEVER_ARM, LEVER_ARM_FAULT, NAVIGATING, POSITION, STATES
@@ -27,14 +27,14 @@ SIGMA = 0.7  # m
 TRUE = np.array([1.0, -0.5, -1.4])
 
 
-def run(seed, survey, sigma=SIGMA, mistake=None, given=None):
+def run(seed, survey, sigma=SIGMA, mistake=None, given=None, late=0.2):
     """(error and covariance of the lever arm, errors of position, velocity and attitude, their sigmas) of a drive."""
     profile, rng = PROFILES["consumer-mems"], np.random.default_rng(seed)
     d = drive(120.0, speed=float(rng.uniform(4.0, 15.0)))
     bg = profile.gyro_bias_initial * rng.standard_normal(3)
     ba = profile.accel_bias_initial * rng.standard_normal(3)
     samples = sensed(d, rng, profile.gyro_noise, profile.accel_noise, bg, ba)
-    fixes = received(d, rng, late=0.2, sigma=0.0, white=0.02) if survey else received(d, rng, late=0.2)
+    fixes = received(d, rng, late=late, sigma=0.0, white=0.02) if survey else received(d, rng, late=late)
     fixes = at_antenna(d, fixes, TRUE)
     fixes["speed"] += 0.05 * rng.standard_normal(len(fixes))
     if survey:
@@ -126,11 +126,11 @@ def test_one_that_is_not_set_is_estimated_from_positions_of_metres():
 @pytest.mark.parametrize(
     "given", [TRUE + np.array([0.3, 0.2, -0.1]), np.zeros(3)], ids=["0.4 m wrong", "at the sensor"]
 )
-def test_a_given_one_is_exact_for_positions_of_centimetres(given):
+def test_a_given_one_is_exact_for_a_survey(given):
     """Also [0, 0, 0], which says that the antenna is at the sensor."""
     d = drive(60.0)
     rng = np.random.default_rng(5)
-    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, late=0.2, sigma=0.0, white=0.02), given)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, sigma=0.0, white=0.02), given)
     fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
     c = navigate(samples, fixes, Settings(navigation=Navigation(lever_arm_m=tuple(given))))[2]["core"][0, 0]
     assert c["nav"]["gnss_lever_arm"] == pytest.approx(given, abs=1e-12)
@@ -144,38 +144,108 @@ def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_metres():
 
 
 @pytest.mark.parametrize("mistake", [(0.0, 1.0, 0.0), (-1.2, 0.0, 0.0)])
-def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_centimetres(mistake):
-    """By the GLR test, and estimated from there on; without it the position is wrong by the metre."""
+@pytest.mark.parametrize("late", [0.0, 0.2], ids=["survey", "receiver"])
+def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_centimetres(mistake, late):
+    """By the GLR test or by the odds, and estimated from there on; without, the position is wrong by the metre."""
     for seed in range(3):
-        error, P, of, sigmas = run(seed, True, "auto", mistake=np.array(mistake))
+        error, P, of, sigmas = run(seed, True, "auto", mistake=np.array(mistake), late=late)
         assert np.abs(error[:2]).max() < 0.3
         assert (np.abs(error) < 4.0 * np.sqrt(np.diag(P))).all()
         assert np.sqrt(np.mean(of[0][-20:, :2] ** 2)) < 0.3
         assert (np.abs(of[2][-20:, 2]) < 4.0 * sigmas[2][-20:, 2]).all()
 
 
+def test_one_that_is_wrong_by_decimetres_is_found_by_a_receiver_of_centimetres():
+    """Before, the position was off by them, at a stated centimetre or two."""
+    runs = [run(seed, True, "auto", mistake=np.array([0.25, -0.3, 0.1])) for seed in range(4)]
+    _, p, _, a = nees(runs)
+    assert p < 2.0
+    assert a < 2.0
+    assert np.sqrt(np.mean([e[:2] ** 2 for e, _, _, _ in runs])) < 0.05
+
+
+def test_one_that_is_right_stays_as_given():
+    """And its sigma is the ruler's at most, as that of the position."""
+    for seed in range(4):
+        error, P, _, sigmas = run(seed, True, "auto", mistake=np.zeros(3))
+        assert np.abs(error).max() < 0.05
+        assert (np.sqrt(np.diag(P)) <= 0.03 + 1e-9).all()
+        assert np.median(sigmas[0][-20:, :2]) < 0.06
+
+
+def test_before_a_turn_the_sigma_says_that_the_lever_arm_may_be_wrong():
+    """At rest nothing shows an error of it."""
+    parked = drive(60.0, rest=1e3)
+    samples, fixes = (
+        sensed(parked, np.random.default_rng(1)),
+        received(parked, np.random.default_rng(2), late=0.2, sigma=0.0, white=0.01),
+    )
+    fixes["sigma"], fixes["hdop"] = (0.01, 0.01, 0.02), np.nan
+    out = navigate(samples, fixes, Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), Initial(yaw_deg=0.0))[
+        0
+    ]
+    share = 0.5 * (0.2**2 - 0.03**2) + 0.03**2
+    assert out["sigma_p"][-1, :2] == pytest.approx(np.sqrt(share), rel=0.1)
+
+
+def test_the_odds_are_those_of_two_filters():
+    """Against the likelihoods of n readings of a constant whose prior has one sigma or the other."""
+    rng, ruler, wide, noise = np.random.default_rng(8), 0.03, 0.2, 0.1
+    p = configure(Settings(), 100.0)[0].view(np.recarray)
+    rho2 = 1.0 / (1.0 / ruler**2 - 1.0 / wide**2)
+    for n, true in ((1, 0.0), (30, 0.0), (30, 0.1), (10, -0.2)):
+        y = true + noise * rng.standard_normal(n)
+        likelihoods = []
+        for prior in (wide, ruler):
+            S = prior**2 * np.ones((n, n)) + noise**2 * np.eye(n)
+            likelihoods.append(-0.5 * (y @ np.linalg.solve(S, y) + np.linalg.slogdet(S)[1]))
+        P = 1.0 / (1.0 / ruler**2 + n / noise**2)
+        odds = interpreted(odds_of_mistake)(p, rho2, -P * y.sum() / noise**2, rho2 - P)
+        assert np.log(odds) == pytest.approx(likelihoods[0] - likelihoods[1], abs=1e-9)
+
+
+@pytest.mark.parametrize(("odds", "is_wrong"), [(19.0, False), (21.0, True)])
+def test_odds_of_twenty_give_a_component_its_larger_prior(odds, is_wrong):
+    """Then its variance is that of a filter which began with it."""
+    p = configure(Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), 100.0)[0]
+    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    c["alignment"]["mode"], c["gnss"]["is_measured"] = NAVIGATING, (0, 1, 0)
+    ruler2, wide2, information = 0.03**2, 0.2**2, 1.0 / 0.05**2
+    rho2, known = 1.0 / (1.0 / ruler2 - 1.0 / wide2), 1.0 / (1.0 / ruler2 + information)
+    s = rho2 - known
+    z = np.sqrt(2.0 * s * np.log(odds * np.sqrt(s * (wide2 + rho2)) / rho2))
+    right = interpreted(packed_index)(STATES, GNSS_LEVER_ARM + 1, GNSS_LEVER_ARM + 1)
+    c["nav"]["gnss_lever_arm"][1], c["cov"]["P"][right] = z, known
+    assert in_c(weigh_lever_arm)(p, c) == is_wrong
+    assert c["cov"]["P"][right] == pytest.approx(1.0 / (1.0 / wide2 + information) if is_wrong else known)
+    assert c["gnss"]["is_measured"][1] == (not is_wrong)
+
+
 @pytest.mark.parametrize(("mistake", "is_looked_for"), [(0.0, False), (1.0, True)])
-def test_smoothing_looks_for_an_error_only_where_the_forward_run_has_found_one(mistake, is_looked_for):
+@pytest.mark.parametrize(("late", "least"), [(0.0, "min_lever_arm_error"), (0.1, "lever_arm_odds")])
+def test_smoothing_looks_for_an_error_only_where_the_forward_run_has_found_one(mistake, is_looked_for, late, least):
     rng, d = np.random.default_rng(4), drive(60.0)
-    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, late=0.1, sigma=0.0, white=0.02), TRUE)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, late=late, sigma=0.0, white=0.02), TRUE)
     fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
     given = Settings(navigation=Navigation(lever_arm_m=(1.0, -0.5 + mistake, -1.4)))
     filter_ = new_filter("navigation", samples, given)
     out = replay(filter_, samples, fixes)[0]
     tuning = filter_.estimator.backward_tuning(filter_.parameters[0], filter_.state, out[-1], 5.0)
-    assert ("min_lever_arm_error" not in tuning) == is_looked_for
+    assert (least not in tuning) == is_looked_for
 
 
 def test_what_an_error_does_is_predicted():
     """Against the difference of two runs, one with a lever arm that is given wrong by a tenth of a millimetre."""
     rng, d, off = np.random.default_rng(4), drive(60.0), 1e-4
-    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, late=0.1, sigma=0.0, white=0.02), TRUE)
+    samples, fixes = sensed(d, rng), at_antenna(d, received(d, rng, every=0.2, sigma=0.0, white=0.02), TRUE)
     fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
     for j in range(2):
         cores = []
         for wrong in (0.0, off):
-            given = TRUE - wrong * np.eye(3)[j]
-            filter_ = new_filter("navigation", samples, Settings(navigation=Navigation(lever_arm_m=tuple(given))))
+            given = Navigation(
+                lever_arm_m=tuple(TRUE - wrong * np.eye(3)[j]), tuning={"epoch_mistake_s": 0.0}
+            )  # of a survey whose epochs are never confirmed, which would be a step
+            filter_ = new_filter("navigation", samples, Settings(navigation=given))
             replay(filter_, samples, fixes)
             cores.append(filter_.state["core"][0, 0])
         V = cores[0]["faults"]["sensitivity"][:, LEVER_ARM_FAULT + j]
@@ -226,15 +296,15 @@ def test_a_changed_setting_begins_anew():
     settings = [((1.0, 2.0, 3.0), 0.5), ((1.0, 2.0, -3.0), 0.5), ((1.0, 2.0, -3.0), 0.2)]
     c, fix = (
         start(configure(Settings(), 100.0), Initial())[0]["core"][0],
-        fixes_of({"t_s": [0.0]}, 1).view(np.recarray)[0],
+        fixes_of({"t_s": [0.0]}, 1)[0],
     )
     for arm, sigma in settings:
-        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray), fix)
+        in_c(set_gnss_lever_arm)(parameters(arm, sigma), c, fix)
         assert tuple(c["nav"]["gnss_lever_arm"]) == arm
         variances = [c["cov"]["P"][interpreted(packed_index)(STATES, i, i)] for i in range(GNSS_LEVER_ARM, STATES)]
         assert variances == pytest.approx([sigma**2] * 3)
         c["nav"]["gnss_lever_arm"] += 0.1  # found by the filter: kept
-        interpreted(set_gnss_lever_arm)(parameters(arm, sigma).view(np.recarray), c.view(np.recarray), fix)
+        in_c(set_gnss_lever_arm)(parameters(arm, sigma), c, fix)
         assert tuple(c["nav"]["gnss_lever_arm"]) == pytest.approx(np.add(arm, 0.1))
 
 

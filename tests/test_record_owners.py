@@ -16,7 +16,7 @@ SHARED = {
 }
 BEGUN_ANEW = {  # states of one measurement or constraint, whose file may set them to zero or as given
     ("nav", "gnss_bias"): "aiding/gnss_noise.py",
-    ("nav", "gnss_lever_arm"): "aiding/gnss_noise.py",
+    ("nav", "gnss_lever_arm"): "aiding/lever_arm_prior.py",
     ("nav", "time_offset"): "aiding/gnss_time.py",
     ("nav", "velocity_time_offset"): "aiding/gnss_time.py",
     ("nav", "nhc_lever_arm"): "vehicle_axes.py",

@@ -44,8 +44,8 @@ class Navigation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Literal["auto"] | Annotated[float, number(0.0, 10.0, "m")],
         Meta(
             description="1 sigma of each component of it, which is then estimated; 0: it is exact. `auto`: 1 m if the "
-            "lever arm is not given; else 0.2 m, and 0 with positions of centimetres, until these contradict it by "
-            "more than half a metre.",
+            "lever arm is not given; else 0.2 m, and with positions of centimetres 0.03 m, until these contradict it. "
+            "With those of a survey's log it is exact, until they contradict it by more than half a metre.",
             extra=HOT,
         ),
     ] = "auto"

@@ -18,11 +18,12 @@ from .aiding.gnss_gate import (
     decay_reset_score,
     reject_frozen,
 )
-from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_lever_arm, set_gnss_noise, set_speed
+from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import reset_time_offsets, set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass, has_compass
+from .aiding.lever_arm_prior import set_gnss_lever_arm, weigh_lever_arm
 from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reject, wheels_support
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
 from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
@@ -143,7 +144,9 @@ def check_drift(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_lever_arm(p: Parameters, c: Core) -> None:
-    """Whether the lever arm is given wrong; not while the receiver drifts."""
+    """Whether the lever arm is given right, or wrong; not while the receiver drifts."""
+    if weigh_lever_arm(p, c):
+        correct_state(p, c)
     if c.drift.detected != 0:
         reset_lever_arm_error(c)
         return

@@ -37,6 +37,7 @@ from .state import (
 )
 
 _NO_ERROR_M = 100.0  # no lever arm is wrong by more: none is looked for
+_NO_ODDS = 1e30  # none are as large
 
 TUNABLES = (
     Tunable(
@@ -181,7 +182,7 @@ def _variance(core: np.void, i: int) -> float:
 
 
 def backward_tuning(parameters: np.void, state: Records, solution: np.void, factor: float) -> dict[str, float]:
-    """See `Estimator`. What was exact forward is so backward: epochs of a survey, lever arm of a precise receiver."""
+    """See `Estimator`. What was exact, or measured, forward is so backward: epochs of a survey, a lever arm."""
     c, tuning = state["core"][0, 0], parameters["tuning"]
     late = factor * math.sqrt(_variance(c, TIME_OFFSET) + float(c["time_evidence"]["missing_variance"]))
     of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma")
@@ -190,6 +191,8 @@ def backward_tuning(parameters: np.void, state: Records, solution: np.void, fact
         known["epoch_mistake_s"] = 0.0
     if _variance(c, GNSS_LEVER_ARM) == 0.0:
         known["min_lever_arm_error"] = _NO_ERROR_M
+    if c["gnss"]["is_measured"].all():
+        known["lever_arm_odds"] = _NO_ODDS
     return known | {
         "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
         "initial_heading_sigma": factor * float(solution["sigma_rpy"][2]),

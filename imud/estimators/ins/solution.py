@@ -19,9 +19,20 @@ from ..records import (
     SATURATED,
 )
 from ..tuning import Tunable
-from .ekf import variance
+from .ekf import covariance, variance
 from .integrity.alternating_receiver import is_alternating
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, NEVER_NS, POSITION, STATES, TIME_OFFSET, VELOCITY
+from .state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GNSS_LEVER_ARM,
+    GYRO_BIAS,
+    NAVIGATING,
+    NEVER_NS,
+    POSITION,
+    STATES,
+    TIME_OFFSET,
+    VELOCITY,
+)
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -131,6 +142,17 @@ def open_discrepancy(p: Parameters, c: Core, axis: int) -> tuple[float, float]:
 
 
 @kernel
+def added_by_lever_arm(c: Core, i: int) -> float:
+    """What a lever arm that may be wrong adds to the stated variance of an error state."""
+    added = 0.0
+    for k in range(3):
+        doubt = c.gnss.lever_arm_doubt[k]
+        if doubt > 0.0:
+            added += doubt * (covariance(c, i, GNSS_LEVER_ARM + k) / variance(c, GNSS_LEVER_ARM + k)) ** 2
+    return added
+
+
+@kernel
 def state_sigmas(p: Parameters, c: Core) -> None:
     """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
     stated, inflation = c.scratch.stated_variances, 1.0 + c.integrity.rejected_inflation
@@ -145,6 +167,8 @@ def state_sigmas(p: Parameters, c: Core) -> None:
         added_p += rejected_p + c.integrity.position_inflation[i] + unknown_time_offset(c, i)
         added_p += c.time_evidence.missing_variance * c.nav.v_n[i] ** 2
         added_v += c.time_evidence.missing_variance * c.imu.accel_n[i] ** 2
+        added_p += added_by_lever_arm(c, POSITION + i)
+        added_v += added_by_lever_arm(c, VELOCITY + i)
         p2 = inflation * max(variance(c, POSITION + i), 0.0) + added_p
         v2 = inflation * max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
@@ -190,7 +214,8 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         + c.velocity_drift.heading_variance
         + c.compass_offset.heading_variance
         + c.current.heading_variance
-        + c.rest_gap.turn2,
+        + c.rest_gap.turn2
+        + added_by_lever_arm(c, ATTITUDE + 2),
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

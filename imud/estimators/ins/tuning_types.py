@@ -99,10 +99,11 @@ class Tuning:
     noise_gain: float
     second_order_heading: float
     gnss_lever_arm_sigma: float
-    unset_lever_arm_sigma: float
-    set_lever_arm_sigma: float
     time_offset_floor: float
     constant_error_share: float
+    unset_lever_arm_sigma: float
+    set_lever_arm_sigma: float
+    lever_arm_odds: float
     bias_free_gate: float
     offset_velocity_gate: float
     late_fix_accel: float

@@ -225,6 +225,8 @@ class Gnss:
     offset_velocity: Reals
     given_lever_arm: Reals
     given_lever_arm_sigma: float
+    is_measured: Integers
+    lever_arm_doubt: Reals
 
 
 class Integrity:

@@ -13,7 +13,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, variance
 from ..glr_tests.gnss_drift import reset_drift
-from ..state import ATTITUDE, GNSS_BIAS, GNSS_LEVER_ARM, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from ..state import ATTITUDE, GNSS_BIAS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -80,20 +80,6 @@ TUNABLES = (
     ),
     Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "A ruler."),
     Tunable(
-        "unset_lever_arm_sigma",
-        1.0,
-        "m",
-        "Sigma of each component of a lever arm that the user has not set.",
-        "Roofs of cars, masts of robots.",
-    ),
-    Tunable(
-        "set_lever_arm_sigma",
-        0.2,
-        "m",
-        "The same of one that he has set, until there are positions of centimetres.",
-        "Open recordings contradict their own by 0.2 to 0.35 m.",
-    ),
-    Tunable(
         "time_offset_floor",
         0.01,
         "s/m",
@@ -126,42 +112,6 @@ def clear_gnss_bias(c: Core, axis: int, variance: float) -> None:
     """Set the GNSS bias along an axis to zero, with `variance` (m^2)."""
     decorrelate(c, GNSS_BIAS + axis, variance)
     c.nav.gnss_bias[axis] = 0.0
-
-
-@kernel
-def initial_lever_arm_sigma(p: Parameters, c: Core, fix: Fix) -> float:
-    """1 sigma of each component of the lever arm, m: the user's, or what is assumed where he gives none.
-
-    From the first position of centimetres on a lever arm that is given is exact: such positions show its error, but
-    also those of the time stamps, which look the same at a constant speed.
-    """
-    if p.lever_arm_sigma >= 0.0:
-        return float(p.lever_arm_sigma)
-    if not p.lever_arm_is_set:
-        return float(p.tuning.unset_lever_arm_sigma)
-    exact = c.gnss.given_lever_arm_sigma == 0.0 or horizontal_sigma(p, fix) < p.tuning.survey_sigma
-    return float(0.0 if exact else p.tuning.set_lever_arm_sigma)
-
-
-@kernel
-def forget_lever_arm(c: Core) -> None:
-    """What was estimated of the lever arm is wrong, as the heading was: begin with the user's at the next fix."""
-    c.gnss.given_lever_arm_sigma = math.nan
-
-
-@kernel
-def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
-    """Begin with the lever arm that the user gives, before the first fix and after a change of the setting."""
-    g, sigma = c.gnss, initial_lever_arm_sigma(p, c, fix)
-    changed = g.given_lever_arm_sigma != sigma
-    for i in range(3):
-        changed = changed or g.given_lever_arm[i] != p.gnss_lever_arm[i]
-    if not changed:
-        return
-    g.given_lever_arm_sigma = sigma
-    for i in range(3):
-        g.given_lever_arm[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
-        decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
 
 @kernel

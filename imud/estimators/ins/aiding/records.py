@@ -15,7 +15,9 @@ GNSS = np.dtype(
         ("velocity_noise_var", "<f8"),  # m^2/s^2, learned variance of a component of its velocity
         ("offset_velocity", "<f8", (3,)),  # m/s, NED, by which the time offset shifts a position
         ("given_lever_arm", "<f8", (3,)),  # m, body, by the user; NaN before the first fix
-        ("given_lever_arm_sigma", "<f8"),  # m, of each component
+        ("given_lever_arm_sigma", "<f8"),  # m, of each component at first
+        ("is_measured", "<i8", (3,)),  # 1: the component counts as measured with a ruler
+        ("lever_arm_doubt", "<f8", (3,)),  # m^2, by which the variance of the component is larger, as it may be wrong
     ],
     align=True,
 )

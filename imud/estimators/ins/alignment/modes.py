@@ -23,7 +23,7 @@ import numpy as np
 from ....compile.jit import kernel
 from ....math.rotation import quat_of_gravity
 from ...tuning import Tunable
-from ..aiding.gnss_noise import forget_lever_arm
+from ..aiding.lever_arm_prior import forget_lever_arm
 from ..aiding.non_holonomic import reset_nhc
 from ..boresights import forget_velocity_boresight, share_boresight
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance

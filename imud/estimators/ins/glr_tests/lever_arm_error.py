@@ -1,7 +1,9 @@
-"""GLR test for a lever arm that is given wrong: positions of centimetres then turn about another point.
+"""GLR test for a lever arm of a survey that is given wrong: positions of centimetres then turn about another point.
 
-It runs while the lever arm counts as exact because its sigma is not given, and there is no odometer, whose test has the
-same columns. On a straight way the antenna's place in the vehicle does not matter; in turns a wrong one bends heading
+It runs while the lever arm counts as exact, because its sigma is not given and the epochs are a survey's
+(`aiding.lever_arm_prior`), and there is no odometer, whose test has the same columns.
+
+On a straight way the antenna's place in the vehicle does not matter; in turns a wrong one bends heading
 and velocity, until positions are rejected.
 An error d of the lever arm, ahead and to the right, is a fault of `fault_sensitivity` since an onset: V is -1 at
 GNSS_LEVER_ARM and C_nb at POSITION, which has the error already. All innovations of positions and velocities since,

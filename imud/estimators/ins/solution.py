@@ -146,9 +146,9 @@ def added_by_lever_arm(c: Core, i: int) -> float:
     """What a lever arm that may be wrong adds to the stated variance of an error state."""
     added = 0.0
     for k in range(3):
-        doubt = c.gnss.lever_arm_doubt[k]
-        if doubt > 0.0:
-            added += doubt * (covariance(c, i, GNSS_LEVER_ARM + k) / variance(c, GNSS_LEVER_ARM + k)) ** 2
+        inflation = c.gnss.lever_arm_inflation[k]
+        if inflation > 0.0:
+            added += inflation * (covariance(c, i, GNSS_LEVER_ARM + k) / variance(c, GNSS_LEVER_ARM + k)) ** 2
     return added
 
 

@@ -226,7 +226,7 @@ class Gnss:
     given_lever_arm: Reals
     given_lever_arm_sigma: float
     is_measured: Integers
-    lever_arm_doubt: Reals
+    lever_arm_inflation: Reals
 
 
 class Integrity:

@@ -97,7 +97,7 @@ def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     for i in range(3):
         g.given_lever_arm[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
         g.is_measured[i] = 1 if p.lever_arm_sigma < 0.0 and sigma == p.tuning.gnss_lever_arm_sigma else 0
-        g.lever_arm_doubt[i] = 0.0
+        g.lever_arm_inflation[i] = 0.0
         decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
 
@@ -125,8 +125,8 @@ def weigh_lever_arm(p: Parameters, c: Core) -> bool:
         if odds > p.tuning.lever_arm_odds:
             gated_update(c, set_jacobian(c, 0, GNSS_LEVER_ARM + i, 1.0), z, -rho2, NO_GATE)
             g.is_measured[i] = 0
-            g.lever_arm_doubt[i] = 0.0
+            g.lever_arm_inflation[i] = 0.0
             return True
         gain = known / s
-        g.lever_arm_doubt[i] = odds / (1.0 + odds) * (known * gain + (gain * z) ** 2)
+        g.lever_arm_inflation[i] = odds / (1.0 + odds) * (known * gain + (gain * z) ** 2)
     return False

@@ -17,7 +17,11 @@ GNSS = np.dtype(
         ("given_lever_arm", "<f8", (3,)),  # m, body, by the user; NaN before the first fix
         ("given_lever_arm_sigma", "<f8"),  # m, of each component at first
         ("is_measured", "<i8", (3,)),  # 1: the component counts as measured with a ruler
-        ("lever_arm_doubt", "<f8", (3,)),  # m^2, by which the variance of the component is larger, as it may be wrong
+        (
+            "lever_arm_inflation",
+            "<f8",
+            (3,),
+        ),  # m^2, by which the variance of the component may be larger
     ],
     align=True,
 )

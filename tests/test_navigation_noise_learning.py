@@ -10,13 +10,17 @@ from vehicle_simulation import vehicle
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.process_noise import (
+    inflate_earlier_estimates,
     learn_process_noise,
     propagate_learning,
     update_learning,
 )
 from imud.estimators.ins.setup import start
+from imud.estimators.ins.state import GYRO_BIAS, STATES
 from imud.estimators.records import REJECTING
+from imud.math.kalman import unpack
 
+inflate_earlier_estimates = in_c(inflate_earlier_estimates)
 learn_process_noise = in_c(learn_process_noise)
 propagate_learning = in_c(propagate_learning)
 update_learning = in_c(update_learning)
@@ -181,3 +185,15 @@ def test_a_shaken_car_with_positions_of_centimetres_alone_is_within_its_sigmas(s
             size, stated = (np.hypot(*x[d.t > 25.0, :2].T) for x in (error, sigma))
             wrong += [((size > 4.0 * stated) & (size > least)).mean()]
     assert max(wrong) == 0.0
+
+
+@pytest.mark.parametrize(("last_rest_ns", "is_opened"), [(0, True), (10**9, False)])
+def test_a_gyro_bias_that_a_rest_has_measured_is_not_opened_when_the_noise_is_known(last_rest_ns, is_opened):
+    parameters = configure(Settings(), 100.0)
+    p, c = parameters[0], start(parameters, Initial())["core"][0, 0]
+    c["gravity_monitor"]["last_rest_ns"] = last_rest_ns
+    c["process_noise"]["log_psd_covariance"], c["process_noise"]["log_psd"][1] = 0.0, 10.0
+    before = np.diag(unpack(c["cov"]["P"], STATES))[GYRO_BIAS : GYRO_BIAS + 3].copy()
+    inflate_earlier_estimates(p, c)
+    added = np.diag(unpack(c["cov"]["P"], STATES))[GYRO_BIAS : GYRO_BIAS + 3] - before
+    assert added == pytest.approx([float(p["gyro_bias_sigma"]) ** 2 * is_opened] * 3)

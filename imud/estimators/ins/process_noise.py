@@ -280,7 +280,8 @@ def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
     """After a fix: once a noise is known to be far larger than it was taken to be, open what was estimated meanwhile.
 
     With a noise that is too small innovations are taken for errors of the sensor and of the time offset, which are then
-    certain and wrong, and do not change any more.
+    certain and wrong, and do not change any more. A gyro bias that was measured at rest is so certain that they did not
+    change it.
     """
     if was_too_small(p, c, 0):
         tilt = p.accel_bias_sigma / STANDARD_GRAVITY
@@ -290,7 +291,7 @@ def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
         if c.integrity.epochs == REPORTED_EPOCHS:
             add_variance(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
         forget_time_evidence(c)
-    if was_too_small(p, c, 1):
+    if was_too_small(p, c, 1) and c.gravity_monitor.last_rest_ns == 0:
         for i in range(3):
             add_variance(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
 

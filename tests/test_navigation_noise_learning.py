@@ -16,7 +16,7 @@ from imud.estimators.ins.process_noise import (
     update_learning,
 )
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import GYRO_BIAS, STATES
+from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, STATES
 from imud.estimators.records import REJECTING
 from imud.math.kalman import unpack
 
@@ -187,13 +187,13 @@ def test_a_shaken_car_with_positions_of_centimetres_alone_is_within_its_sigmas(s
     assert max(wrong) == 0.0
 
 
-@pytest.mark.parametrize(("last_rest_ns", "is_opened"), [(0, True), (10**9, False)])
-def test_a_gyro_bias_that_a_rest_has_measured_is_not_opened_when_the_noise_is_known(last_rest_ns, is_opened):
+def test_what_was_estimated_with_too_small_a_noise_is_opened_but_not_the_gyro_biases():
     parameters = configure(Settings(), 100.0)
     p, c = parameters[0], start(parameters, Initial())["core"][0, 0]
-    c["gravity_monitor"]["last_rest_ns"] = last_rest_ns
-    c["process_noise"]["log_psd_covariance"], c["process_noise"]["log_psd"][1] = 0.0, 10.0
-    before = np.diag(unpack(c["cov"]["P"], STATES))[GYRO_BIAS : GYRO_BIAS + 3].copy()
+    c["process_noise"]["log_psd_covariance"], c["process_noise"]["log_psd"] = 0.0, 10.0
+    before = np.diag(unpack(c["cov"]["P"], STATES)).copy()
     inflate_earlier_estimates(p, c)
-    added = np.diag(unpack(c["cov"]["P"], STATES))[GYRO_BIAS : GYRO_BIAS + 3] - before
-    assert added == pytest.approx([float(p["gyro_bias_sigma"]) ** 2 * is_opened] * 3)
+    added = np.diag(unpack(c["cov"]["P"], STATES)) - before
+    assert added[ACCEL_BIAS : ACCEL_BIAS + 3] == pytest.approx([float(p["accel_bias_sigma"]) ** 2] * 3)
+    assert (added[ATTITUDE : ATTITUDE + 3] > 0.0).all()
+    assert (added[GYRO_BIAS : GYRO_BIAS + 3] == 0.0).all()

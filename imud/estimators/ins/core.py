@@ -202,7 +202,7 @@ PROCESS_NOISE = np.dtype(  # of velocity and attitude, learned
         ("psd", "<f8", (2,)),  # m^2/s^3, rad^2/s
         ("log_psd", "<f8", (2,)),  # their logarithms, and the covariance of these, packed
         ("log_psd_covariance", "<f8", (3,)),
-        ("first_log_psd", "<f8", (2,)),  # when navigation began; infinite once the noise is known
+        ("first_log_psd", "<f8"),  # the velocity's when navigation began; infinite once the noise is known
         # covariance of the filter of nine states, and its derivatives by the logarithms, packed; one lane is empty
         ("covariances", "<f8", (LEARNING_STATES * (LEARNING_STATES + 1) // 2, LANES)),
         # derivatives of the estimate by the logarithms

@@ -44,7 +44,7 @@ from ...math.kalman import packed_index
 from ...math.lanes import measure, shear, shear3, subtract_update
 from ..tuning import Tunable
 from .ekf import add_variance, covariance, exponential
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
+from .state import ACCEL_BIAS, ATTITUDE, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
 from .time_evidence import forget_time_evidence
 
 if TYPE_CHECKING:
@@ -152,8 +152,7 @@ def set_psd(p: Parameters, c: Core) -> None:
 def clear_learning(c: Core) -> None:
     """The estimate is new: the filter of nine states begins with the covariance of it, and no sensitivity is known."""
     g, at = c.process_noise, 0
-    for k in range(2):
-        g.first_log_psd[k] = g.log_psd[k]
+    g.first_log_psd = g.log_psd[0]
     g.estimate_sensitivity[:] = 0.0
     g.covariances[:] = 0.0
     for i in range(LEARNING_STATES):
@@ -265,25 +264,25 @@ def learn_process_noise(p: Parameters, c: Core, length: int, z: float, s: float)
 
 
 @kernel
-def was_too_small(p: Parameters, c: Core, k: int) -> bool:
-    """Whether noise k has just become known, and is far larger than the value with which navigation began."""
+def was_too_small(p: Parameters, c: Core) -> bool:
+    """Whether the velocity's noise has just become known, and is far larger than the first value."""
     g = c.process_noise
-    if g.log_psd_covariance[2 * k] > p.tuning.known_noise_sigma**2:
+    if g.log_psd_covariance[0] > p.tuning.known_noise_sigma**2:
         return False
-    first = g.first_log_psd[k]
-    g.first_log_psd[k] = math.inf
-    return bool(g.log_psd[k] > first + p.tuning.max_first_noise_error)
+    first = g.first_log_psd
+    g.first_log_psd = math.inf
+    return bool(g.log_psd[0] > first + p.tuning.max_first_noise_error)
 
 
 @kernel
 def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
-    """After a fix: once a noise is known to be far larger than it was taken to be, open what was estimated meanwhile.
+    """After a fix: once the noise is known to be far larger than it was taken to be, open what was estimated meanwhile.
 
-    With a noise that is too small innovations are taken for errors of the sensor and of the time offset, which are then
-    certain and wrong, and do not change any more. A gyro bias that was measured at rest is so certain that they did not
-    change it.
+    With a noise that is too small innovations are taken for errors of the accelerometer and of the time offset, which
+    are then certain and wrong, and do not change any more. Not so the gyros' biases, which a rest has measured: in no
+    simulation without a rest did the attitude's noise become known.
     """
-    if was_too_small(p, c, 0):
+    if was_too_small(p, c):
         tilt = p.accel_bias_sigma / STANDARD_GRAVITY
         for i in range(3):
             add_variance(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
@@ -291,9 +290,6 @@ def inflate_earlier_estimates(p: Parameters, c: Core) -> None:
         if c.integrity.epochs == REPORTED_EPOCHS:
             add_variance(c, TIME_OFFSET, p.tuning.reported_epoch_sigma**2)
         forget_time_evidence(c)
-    if was_too_small(p, c, 1) and c.gravity_monitor.last_rest_ns == 0:
-        for i in range(3):
-            add_variance(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
 
 
 @kernel

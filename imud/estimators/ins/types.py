@@ -262,7 +262,7 @@ class ProcessNoise:
     psd: Reals
     log_psd: Reals
     log_psd_covariance: Reals
-    first_log_psd: Reals
+    first_log_psd: float
     covariances: Tensor
     estimate_sensitivity: Tensor
 

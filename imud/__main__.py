@@ -28,8 +28,8 @@ def _ended(arguments: list[str]) -> int:
 
 def _compiles() -> bool:
     """Whether numba is at work in this thread."""
-    numba = sys.modules.get("numba.core.compiler_lock")
-    return numba is not None and numba.global_compiler_lock.is_locked()
+    lock = getattr(sys.modules.get("numba.core.compiler_lock"), "global_compiler_lock", None)  # or half imported
+    return lock is not None and lock.is_locked()
 
 
 def main() -> int:

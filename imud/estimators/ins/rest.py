@@ -153,9 +153,9 @@ def is_resting(p: Parameters, c: Core) -> bool:
         return True  # regardless of tilt and biases: if they contradict, they are wrong
     if not is_unaccelerated(p, c):
         return False
-    known = s.low_motion_count < p.tuning.unknown_bias_windows
+    is_short = s.low_motion_count < p.tuning.unknown_bias_windows
     for i in range(3):
-        if abs(s.mean_w[i] - c.nav.bg[i]) > (p.tuning.rest_rate if known else max_rest_rate(p, c, i)):
+        if abs(s.mean_w[i] - c.nav.bg[i]) > (p.tuning.rest_rate if is_short else max_rest_rate(p, c, i)):
             return False
     return True
 

@@ -2,7 +2,7 @@
 
 One that is set was measured with a ruler, or it is wrong: by a sign, of another antenna, a guess. So the error of each
 component has either of two sigmas, `gnss_lever_arm_sigma` (the ruler's) or `set_lever_arm_sigma`, and both are as
-probable before anything is known. Positions of centimetres tell which. With a third one, rho,
+probable before anything is known. Positions of centimetres show which. With a third one, rho,
 
     1 / rho^2 = 1 / ruler^2 - 1 / set^2,
 

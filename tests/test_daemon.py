@@ -257,6 +257,17 @@ def test_a_signal_ends_the_compiling_by_numba(tmp_path, number, code):
     assert not (tmp_path / "gpsd.sock").exists()
 
 
+def signalled(program, name):
+    """How a program in Python ends that sends itself the signal of this name."""
+    return subprocess.run(
+        [sys.executable, "-c", program.format(name=name)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+
+
 _COMPILING = """
 import os, signal, sys, types
 import imud.__main__, imud.commands
@@ -279,13 +290,7 @@ sys.exit(imud.__main__.main())
 
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 0), ("SIGINT", 130)])
 def test_a_signal_raises_nothing_inside_the_compiler(name, code):
-    ended = subprocess.run(
-        [sys.executable, "-c", _COMPILING.format(name=name)],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-    )
+    ended = signalled(_COMPILING, name)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")
 
 
@@ -313,13 +318,7 @@ sys.exit(imud.__main__.main())
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
 def test_what_a_signal_leaves_half_made_goes_without_a_word(name):
-    ended = subprocess.run(
-        [sys.executable, "-c", _HALF_MADE.format(name=name)],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-    )
+    ended = signalled(_HALF_MADE, name)
     assert (ended.returncode, ended.stdout, ended.stderr) == (5, "", "")
 
 
@@ -343,13 +342,7 @@ sys.exit(imud.__main__.main())
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 0), ("SIGINT", -signal.SIGINT)])
 def test_a_signal_that_comes_while_an_object_is_deleted_is_not_lost(name, code):
     """Python ignores an exception there."""
-    ended = subprocess.run(
-        [sys.executable, "-c", _DELETED.format(name=name)],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-    )
+    ended = signalled(_DELETED, name)
     assert (ended.returncode, ended.stdout) == (code, "")
 
 

@@ -209,7 +209,7 @@ def test_odds_of_twenty_give_a_component_its_larger_prior(odds, is_wrong):
     """Then its variance is that of a filter which began with it."""
     p = configure(Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), 100.0)[0]
     c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
-    c["alignment"]["mode"], c["gnss"]["is_measured"] = NAVIGATING, (0, 1, 0)
+    c["alignment"]["mode"], c["gnss"]["lever_arm_is_measured"] = NAVIGATING, (0, 1, 0)
     ruler2, wide2, information = 0.03**2, 0.2**2, 1.0 / 0.05**2
     rho2, known = 1.0 / (1.0 / ruler2 - 1.0 / wide2), 1.0 / (1.0 / ruler2 + information)
     s = rho2 - known
@@ -218,7 +218,7 @@ def test_odds_of_twenty_give_a_component_its_larger_prior(odds, is_wrong):
     c["nav"]["gnss_lever_arm"][1], c["cov"]["P"][right] = z, known
     assert in_c(weigh_lever_arm)(p, c) == is_wrong
     assert c["cov"]["P"][right] == pytest.approx(1.0 / (1.0 / wide2 + information) if is_wrong else known)
-    assert c["gnss"]["is_measured"][1] == (not is_wrong)
+    assert c["gnss"]["lever_arm_is_measured"][1] == (not is_wrong)
 
 
 @pytest.mark.parametrize(("mistake", "is_looked_for"), [(0.0, False), (1.0, True)])

@@ -21,7 +21,7 @@ _PYTHON = "twice a second Python checks silence, clients and health, and once it
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"
-_GARBAGE = "the collector visits all objects made since READY, and a loaded machine interrupts it"
+_GARBAGE = "the first collection takes some five times as long as a second one of the same objects; why is not known"
 _KERNELS = "a kernel is missing in `imud/compilation.py`"
 
 

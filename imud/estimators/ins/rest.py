@@ -52,11 +52,11 @@ TUNABLES = (
     ),
     Tunable(
         "unknown_bias_windows",
-        6.0,
+        6,
         "windows",
         "Low-motion windows in a row before a mean rate that only an unknown gyro bias explains is one of rest.",
         "Three seconds: a ship that rolls slowly turns steadily for one.",
-        low=2.0,
+        low=2,
     ),
     Tunable("rest_log_likelihood", 3.0, "", "Log likelihood ratio that proves rest.", "Odds of 20 to 1."),
 )

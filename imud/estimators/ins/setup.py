@@ -191,7 +191,7 @@ def backward_tuning(parameters: np.void, state: Records, solution: np.void, fact
         known["epoch_mistake_s"] = 0.0
     if _variance(c, GNSS_LEVER_ARM) == 0.0:
         known["min_lever_arm_error"] = _NO_ERROR_M
-    if c["gnss"]["is_measured"].all():
+    if c["gnss"]["lever_arm_is_measured"].all():
         known["lever_arm_odds"] = _NO_ODDS
     return known | {
         "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),

@@ -78,7 +78,7 @@ class Tuning:
     long_rest_variance: float
     rest_variance: float
     known_rest_speed: float
-    unknown_bias_windows: float
+    unknown_bias_windows: int
     rest_log_likelihood: float
     jerk_window_s: float
     uere: float
@@ -155,7 +155,7 @@ class Tuning:
     standstill_sigma: float
     zaru_sigma: float
     rest_gate: float
-    bias_contradiction_windows: float
+    bias_contradiction_windows: int
     nhc_interval_s: float
     nhc_min_speed: float
     nhc_sigma: float

@@ -225,7 +225,7 @@ class Gnss:
     offset_velocity: Reals
     given_lever_arm: Reals
     given_lever_arm_sigma: float
-    is_measured: Integers
+    lever_arm_is_measured: Integers
     lever_arm_inflation: Reals
 
 

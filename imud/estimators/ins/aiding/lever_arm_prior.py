@@ -96,7 +96,7 @@ def set_gnss_lever_arm(p: Parameters, c: Core, fix: Fix) -> None:
     g.given_lever_arm_sigma = sigma
     for i in range(3):
         g.given_lever_arm[i] = c.nav.gnss_lever_arm[i] = p.gnss_lever_arm[i]
-        g.is_measured[i] = 1 if p.lever_arm_sigma < 0.0 and sigma == p.tuning.gnss_lever_arm_sigma else 0
+        g.lever_arm_is_measured[i] = 1 if p.lever_arm_sigma < 0.0 and sigma == p.tuning.gnss_lever_arm_sigma else 0
         g.lever_arm_inflation[i] = 0.0
         decorrelate(c, GNSS_LEVER_ARM + i, sigma * sigma)
 
@@ -117,14 +117,14 @@ def weigh_lever_arm(p: Parameters, c: Core) -> bool:
         return False
     g, rho2 = c.gnss, ruler2 * set2 / (set2 - ruler2)
     for i in range(3):
-        if g.is_measured[i] == 0:
+        if g.lever_arm_is_measured[i] == 0:
             continue
         z, known = p.gnss_lever_arm[i] - c.nav.gnss_lever_arm[i], min(variance(c, GNSS_LEVER_ARM + i), ruler2)
         s = rho2 - known
         odds = odds_of_mistake(p, rho2, z, s)
         if odds > p.tuning.lever_arm_odds:
             gated_update(c, set_jacobian(c, 0, GNSS_LEVER_ARM + i, 1.0), z, -rho2, NO_GATE)
-            g.is_measured[i] = 0
+            g.lever_arm_is_measured[i] = 0
             g.lever_arm_inflation[i] = 0.0
             return True
         gain = known / s

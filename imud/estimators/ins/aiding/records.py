@@ -16,12 +16,8 @@ GNSS = np.dtype(
         ("offset_velocity", "<f8", (3,)),  # m/s, NED, by which the time offset shifts a position
         ("given_lever_arm", "<f8", (3,)),  # m, body, by the user; NaN before the first fix
         ("given_lever_arm_sigma", "<f8"),  # m, of each component at first
-        ("is_measured", "<i8", (3,)),  # 1: the component counts as measured with a ruler
-        (
-            "lever_arm_inflation",
-            "<f8",
-            (3,),
-        ),  # m^2, by which the variance of the component may be larger
+        ("lever_arm_is_measured", "<i8", (3,)),  # 1: the component counts as measured with a ruler
+        ("lever_arm_inflation", "<f8", (3,)),  # m^2, by which its variance may be larger
     ],
     align=True,
 )

@@ -58,11 +58,11 @@ TUNABLES = (
     ),
     Tunable(
         "bias_contradiction_windows",
-        10.0,
+        10,
         "windows",
         "Windows at rest in a row that contradict the gyro bias, all by the same rate, before it is replaced.",
         "Five seconds: of a body that turns on the spot the rate seldom is the same for so long.",
-        low=1.0,
+        low=1,
     ),
 )
 

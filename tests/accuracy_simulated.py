@@ -1,16 +1,16 @@
 """How long the navigation filter is wrong and sure on simulated drives and flights, with and without a bias that steps.
 
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
-                                        [--set KEY=VALUE,..] [--jobs 2]
+                                        [--warm-up 0.05] [--set KEY=VALUE,..] [--jobs 2]
 
 22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
-the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up,
-vibration. The receiver errs slowly, its velocities are smoothed and late, its stamps are off. With a step the bias of
-the gyro about the vertical jumps by so many deg/s, at 110 to 140 s. Each run goes through what users run, at its full
-rate; of the settings it has only that the antenna is at the sensor. "Wrong and sure": seconds with an error of more
-than 4 sigma and 5 m or 5 degrees while the status says that position, attitude or heading are valid. "no yaw": seconds
-from the step on without a yaw within 5 degrees. Seconds are sums over the seeds, the rest medians (NEES: means) from a
-minute after the start on.
+the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up (by
+so many deg/s, 1 sigma, within 100 s), vibration. The receiver errs slowly, its velocities are smoothed and late, its
+stamps are off. With a step the bias of the gyro about the vertical jumps by so many deg/s, at 110 to 140 s. Each run
+goes through what users run, at its full rate; of the settings it has only that the antenna is at the sensor. "Wrong
+and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the status says that position,
+attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5 degrees. Seconds are sums
+over the seeds, the rest medians (NEES: means) from a minute after the start on.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ def way(name, seed):
     return moved(t, v, attitude)
 
 
-def sensed(d, rng, vrw, arw):
+def sensed(d, rng, vrw, arw, warm_up_dps=0.05):
     """SAMPLE rows of a sensor that is worse than its noise profile says, on a vehicle that shakes it so much."""
     sigma, n = rng.standard_normal, len(d.t)
     moves = smooth((np.linalg.norm(d.v, axis=1) > 0.2).astype(float), 1.0)[:, None]
     scale, accel_scale = (np.diag(0.012 * sigma(3)) + 0.006 * sigma((3, 3)) for _ in range(2))
     g_sensitivity = np.radians(0.05) / 9.8 * sigma((3, 3))
-    bias = np.radians(0.4 * sigma(3) + 0.05 * sigma(3) * np.exp(-d.t / 100.0)[:, None])
+    bias = np.radians(0.4 * sigma(3) + warm_up_dps * sigma(3) * np.exp(-d.t / 100.0)[:, None])
     bias = bias + np.radians(0.001) * np.cumsum(sigma((n, 3)), axis=0) / RATE**0.5
     shaken_w = np.sqrt(np.radians(0.01) ** 2 + (moves * np.radians(arw)) ** 2) * RATE**0.5
     shaken_f = np.sqrt(2e-3**2 + (moves * vrw) ** 2) * RATE**0.5
@@ -132,12 +132,12 @@ def judged(d, out, begin):
     }
 
 
-def figures(vehicle, receiver, step_dps, seed, tuning=None):
+def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05):
     """The figures of one run, by name."""
     d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
     rng = np.random.default_rng([seed, *sources, 1])
     vrw, arw = (np.exp(rng.uniform(*np.log(span))) for span in VEHICLES[vehicle][1:])
-    samples, fixes = sensed(d, rng, vrw, arw), received(d, rng, receiver)
+    samples, fixes = sensed(d, rng, vrw, arw, warm_up_dps), received(d, rng, receiver)
     begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
     samples["w"][begin:, 2] += np.radians(sign * step_dps)
     out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
@@ -165,6 +165,7 @@ def arguments():
     parser.add_argument("--vehicles", type=names, default=list(VEHICLES))
     parser.add_argument("--receivers", type=names, default=list(RECEIVERS))
     parser.add_argument("--step", type=names, default=["0", "0.5"], help="deg/s")
+    parser.add_argument("--warm-up", type=float, default=0.05, help="deg/s, 1 sigma")
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args()
@@ -174,7 +175,7 @@ def main():
     a = arguments()
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     runs = itertools.product(a.vehicles, a.seeds, a.receivers, map(float, a.step))
-    jobs = [(vehicle, receiver, step, seed, tuning) for vehicle, seed, receiver, step in runs]
+    jobs = [(vehicle, receiver, step, seed, tuning, a.warm_up) for vehicle, seed, receiver, step in runs]
     found = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):

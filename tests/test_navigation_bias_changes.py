@@ -1,4 +1,4 @@
-"""Biases that change with the force: the stated sigmas have room for it."""
+"""Biases that change with the force, and as a sensor warms up: the stated sigmas have room for it."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,15 @@ from accuracy_simulated import figures
 from navigation_runner import samples_of, settings_of
 from replay_in_process import new_filter, replay
 
+from imud.drivers.sample import POWER_ON
 from imud.estimators.ins.setup import restore_biases
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensor_errors.stored_biases import Biases
 
 RATE, G, KNOWN = 100, 9.81, 1e-5
 PROFILE = PROFILES["consumer-mems"]
-NEVER = {"force_change_time_s": 1e9}
+COLD = {"warm_up_share": 0.0}
+NEVER = COLD | {"force_change_time_s": 1e9}
 
 
 def leaning(angle):
@@ -35,7 +37,7 @@ def test_a_force_along_other_axes_opens_the_bias():
     """It leans by 30 deg: the force changes by 2 g sin(15 deg)."""
     t = np.arange(60 * RATE) / RATE
     samples = leaning(np.radians(30.0) * np.clip((t - 20.0) / 2.0, 0.0, 1.0))
-    gyro, still = growth(samples, {}), growth(samples, NEVER)
+    gyro, still = growth(samples, COLD), growth(samples, NEVER)
     changed = 2.0 * G * np.sin(np.radians(15.0))
     assert gyro[-1] - still[-1] == pytest.approx((0.025 * PROFILE.gyro_bias_initial / G * changed) ** 2, rel=0.1)
     assert gyro[19 * RATE] - still[19 * RATE] < 0.01 * (gyro[-1] - still[-1])
@@ -45,11 +47,41 @@ def test_waves_are_no_such_change():
     t = np.arange(60 * RATE) / RATE
     waves = leaning(np.radians(10.0) * np.sin(2.0 * np.pi * t / 6.0))
     swing = (0.025 * PROFILE.gyro_bias_initial * np.sin(np.radians(10.0))) ** 2
-    assert growth(waves, {})[-1] - growth(waves, NEVER)[-1] < 0.3 * swing
+    assert growth(waves, COLD)[-1] - growth(waves, NEVER)[-1] < 0.3 * swing
+
+
+def warming(samples, begin=0):
+    """What warming up has added to the variance of the gyro bias, as a share of all that it adds, at each sample."""
+    added = growth(samples, {}) - growth(samples, COLD)
+    return (added - added[begin]) / (0.05 * PROFILE.gyro_bias_initial) ** 2
+
+
+def test_warming_up_opens_the_bias():
+    t = np.arange(121 * RATE) / RATE
+    share = warming(leaning(0.0 * t))
+    for at in (10, 40, 120):
+        assert share[at * RATE] == pytest.approx(1.0 - np.exp(-2.0 * at / 60.0), abs=0.02)
+
+
+def test_a_sensor_that_was_switched_off_warms_up_again():
+    """Each growth begins with the variance after the power-on, which is the same with and without warming up."""
+    on, samples = 120 * RATE, leaning(np.zeros(180 * RATE))
+    samples["flags"][on] |= POWER_ON
+    assert warming(samples, on)[-1] > 0.3
+    samples["flags"][on] = 0
+    assert warming(samples, on)[-1] < 0.1
 
 
 @pytest.mark.thorough
 def test_what_the_force_changes_does_not_make_the_heading_wrong_and_sure():
     wrong, before = (sum(figures("sailboat", "5 Hz", 0.0, seed, t)["yaw s"] for seed in (0, 3, 7)) for t in ({}, NEVER))
+    assert wrong < 2.0
+    assert before > 20.0
+
+
+@pytest.mark.thorough
+def test_a_sensor_that_warms_up_does_not_make_the_heading_wrong_and_sure():
+    """By 0.05 deg/s (1 sigma), with cranes, whose heading few fixes show."""
+    wrong, before = (sum(figures("crane", "5 Hz", 0.0, seed, t)["yaw s"] for seed in (0, 5)) for t in ({}, COLD))
     assert wrong < 2.0
     assert before > 20.0

@@ -154,7 +154,7 @@ def test_positions_of_a_survey_that_drift_are_rejected_or_inflate_the_covariance
         fixes["sigma"], fixes["speed"], fixes["course"] = (0.02, 0.02, 0.04), np.nan, np.nan
         out = navigate(samples, moved(fixes, 90.0, 150.0, 0.0, per_second=1.0), settings_of())[0]
         wrong.append(wrong_and_sure_s(D, out))
-    assert sorted(wrong)[-2] < 3.0  # silent: 25 s at least
+    assert sorted(wrong)[-2] < 6.0  # silent: 25 s at least
 
 
 def test_the_inflation_of_the_velocity_adds_to_that_of_the_position():
@@ -172,7 +172,7 @@ def test_the_effect_of_a_drift_on_the_estimate_is_predicted():
     Of a free vehicle: how loosely a land vehicle keeps to its axis is learned from what the creep does, too. So is the
     receiver's noise, unless it is beyond the most that is learned, as here.
     """
-    free = Settings(navigation=Navigation(vehicle="free"))
+    free = Settings(navigation=Navigation(vehicle="free", tuning={"warm_up_share": 0.0}))
     rng = np.random.default_rng(1)
     samples, fixes = sensed(D, rng), received(D, rng, late=0.2, hdop=0.05, sigma=0.1, white=0.6, speed_sigma=0.5)
     cut = fixes[fixes["t_ns"] < 258 * 10**9]

@@ -169,7 +169,7 @@ def test_a_vehicle_that_starts_with_a_wrong_field_finds_its_heading_in_motion_an
     out, _ = estimated(samples, fixes[fixes["t_ns"] < 220e9], rows, ON)
     e, sigma = yaw(d, out)
     assert np.abs(e[1900]) > np.radians(30.0)
-    moving = during(d, 62.0)
+    moving = during(d, 64.0)
     assert (out["status"][moving] & HEADING_VALID).all() and (np.abs(e[moving]) < 4.0 * sigma[moving]).all()
 
 

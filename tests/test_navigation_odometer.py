@@ -12,6 +12,7 @@ from imud.estimators.records import COASTING, HEADING_VALID, MEASUREMENT, ODOMET
 
 SIGMA = 0.05
 AT_SENSOR = Settings(navigation=Navigation(lever_arm_sigma_m=0.0))  # of the antenna
+WARM = Settings(navigation=Navigation(lever_arm_sigma_m=0.0, tuning={"warm_up_share": 0.0}))
 
 
 def readings(d, rng, scale=0.02, every_s=0.1, late_s=0.02, unsigned=False):
@@ -43,8 +44,8 @@ def test_in_an_outage_the_wheels_hold_the_way_within_sigma(unsigned):
     """Also of a vehicle that reverses, whose wheel tells no sign; its accelerometers are noisy."""
     d, samples, fixes, rng = recorded(1, 200.0, accel_psd=0.1, speed=6.0, swing=1.3)
     fixes = without(fixes, 130.0, 190.0)
-    alone, _ = estimated(samples, fixes, readings(d, rng)[:0], AT_SENSOR)
-    out, innovations = estimated(samples, fixes, readings(d, rng, unsigned=unsigned), AT_SENSOR)
+    alone, _ = estimated(samples, fixes, readings(d, rng)[:0], WARM)
+    out, innovations = estimated(samples, fixes, readings(d, rng, unsigned=unsigned), WARM)
     end = (d.t > 185.0) & (d.t < 189.0)
     assert (out["status"][end] & COASTING).all()
     sigma = out["sigma_v"][end, :2]

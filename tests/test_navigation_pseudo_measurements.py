@@ -8,7 +8,7 @@ from navigation_simulation import drive, received, sensed
 
 from imud.batch import play
 from imud.compile.jit import interpreted
-from imud.configuration.settings import Initial, Settings
+from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators import registry
 from imud.estimators.ins.aiding.zero_velocity import fuse_rest
 from imud.estimators.ins.parameters import configure
@@ -33,8 +33,9 @@ REST_S, SKID_S = 10.0, (80.0, 83.0)
 
 
 def innovations_of(samples, fixes):
-    """(solutions, innovations) as `imud replay` has them."""
-    filter_ = Filter(registry.by_name("navigation"), Settings(), Initial(yaw_deg=np.degrees(0.7)), RATE)
+    """(solutions, innovations) as `imud replay` has them, of a sensor that is warm."""
+    settings = Settings(navigation=Navigation(tuning={"warm_up_share": 0.0}))
+    filter_ = Filter(registry.by_name("navigation"), settings, Initial(yaw_deg=np.degrees(0.7)), RATE)
     out, rows = [], []
     play(filter_, samples, fixes, lambda r: out.append(r.copy()), None, rows.append)
     return np.concatenate(out), np.concatenate(rows)

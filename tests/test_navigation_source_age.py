@@ -74,7 +74,7 @@ def test_one_that_is_late_from_the_first_on_is_found_and_misleads_little(name, s
     out, found, _ = ages(d, samples, fixes, rows, 130.0)
     judgement = judged(d, out)
     assert found[-1, 1] == pytest.approx(0.82 if name == "odometer" else 0.97, abs=0.2)
-    assert judgement.sure_s == 0.0 and harm(judgement, cell(seed))[0] < 1.5
+    assert judgement.sure_s == 0.0 and harm(judgement, cell(seed))[0] < 1.8
 
 
 @pytest.mark.parametrize("name", ["odometer", "pose", "velocity", "body_velocity", "heading"])

@@ -193,6 +193,7 @@ BIAS_CHANGES = np.dtype(
     [
         ("averaged_force", "<f8", (3,)),  # m/s^2, body
         ("earlier_force", "<f8", (3,)),  # the average of it
+        ("warm_up_variance", "<f8"),  # (rad/s)^2: of what warming up may still change
     ],
     align=True,
 )

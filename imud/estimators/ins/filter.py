@@ -98,7 +98,7 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
     """Initialize from the first sample (body axes): roll and pitch from gravity, unless rpy (rad) gives them."""
     store_first_sample(c, t_ns, w, f)
     first_window(c, f)
-    begin_bias_changes(c, f)
+    begin_bias_changes(p, c, f)
     roll, pitch, yaw = rpy[0], rpy[1], rpy[2]
     if not (math.isfinite(roll) and math.isfinite(pitch)):
         if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > 1.0:

@@ -20,6 +20,7 @@ from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
+from .bias_changes import begin_warm_up
 from .ekf import add_covariance, add_variance, decorrelate, variance
 from .glr_tests.reset import reset_glr_tests
 from .glr_tests.velocity_drift import reset_confirmations
@@ -70,6 +71,7 @@ def reset_biases(p: Parameters, c: Core) -> None:
     for i in range(3):
         decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
+    begin_warm_up(p, c)
     interrupt_rest(c)
     clear_window(c)
     restart_in_motion_alignment(c)

@@ -31,6 +31,8 @@ class Tuning:
     alignment_accel_time_s: float
     force_change_time_s: float
     gyro_force_share: float
+    warm_up_share: float
+    warm_up_time_s: float
     min_rotated_tilt: float
     gap_step_s: float
     gap_periods: float

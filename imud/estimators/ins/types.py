@@ -141,6 +141,7 @@ class Stationarity:
 class BiasChanges:
     averaged_force: Reals
     earlier_force: Reals
+    warm_up_variance: float
 
 
 class RestGap:

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from in_c import in_c
-from navigation_runner import navigate
+from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import Later, curvature, drive, errors, received, sensed
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators.ins import ESTIMATOR
 from imud.estimators.ins.alignment.modes import transfer_lever_arm
 from imud.estimators.ins.state import ATTITUDE, POSITION, STATES, TIME_OFFSET
-from imud.estimators.records import HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
+from imud.estimators.records import AT_REST, HEADING_VALID, POSITION_N, REJECTING, VELOCITY_N
 from imud.math.kalman import packed_index
 
 transfer_lever_arm = in_c(transfer_lever_arm)
@@ -203,3 +203,17 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     assert (c["nav"]["lat"], c["nav"]["lon"], c["nav"]["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
     assert c["nav"]["v_n"] == pytest.approx([3.0, -4.0, 1.0])
     assert c["cov"]["P"] == pytest.approx(P, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [4.0, 20.0])
+def test_an_even_ride_of_which_no_velocity_is_reported_is_no_rest_as_its_positions_go_on(speed):
+    rng, t = np.random.default_rng(3), 100.0 + np.arange(at(60.0)) / RATE
+    w, f = rng.normal(0.0, 1e-3, (len(t), 3)), rng.normal((0.0, 0.0, -9.81), 0.02, (len(t), 3))
+    epochs = 100.0 + np.arange(60.0)
+    m, _ = curvature(np.radians(50.0))
+    north = speed * (epochs - 100.0) + rng.normal(0.0, 0.5, 60)
+    columns = {"t_s": epochs, "arrival_s": epochs + 0.2, "lat_deg": 50.0 + np.degrees(north / m)}
+    rest = {"lon_deg": np.full(60, 8.0), "height_m": np.full(60, 100.0), "hdop": np.ones(60)}
+    out, _, _ = navigate(samples_of(t, w, f), fixes_of(columns | rest, 60))
+    assert not (out["status"] & (AT_REST | REJECTING)).any()
+    assert abs((out["lat"][-1] - np.radians(50.0)) * m - speed * (t[-1] - 100.0)) < 3.0 * out["sigma_p"][-1, 0]

@@ -77,11 +77,12 @@ def speed_allows_rest(p: Parameters, c: Core) -> bool:
     known = fresh and c.gnss.speed >= 0.0
     if known and c.gnss.speed > p.tuning.rest_speed:
         return False
-    if c.alignment.mode != NAVIGATING:
-        return bool(known or s.stationary_count > p.tuning.long_rest_windows)
     speed2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2 + c.nav.v_n[2] ** 2
     s2 = max(variance(c, VELOCITY), variance(c, VELOCITY + 1))
     error2 = p.tuning.limit_sigmas**2 * s2
+    if c.alignment.mode != NAVIGATING:
+        unhurried = speed2 < p.tuning.rest_speed**2 + error2
+        return bool(known or (s.stationary_count > p.tuning.long_rest_windows and unhurried))
     return bool(
         (known and speed2 < p.tuning.known_rest_speed**2 + error2)
         or (

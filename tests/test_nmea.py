@@ -208,7 +208,6 @@ REFUSED = {
     "VTG unit": line("GPVTG,1,T,,M,1,K,1,N,A"),
     "VTG mode": vtg(mode=",x"),
     "RMC status": rmc(status=""),
-    "RMC date": (rmc(day="310294"), rmc(day="2303945")),
     "RMC mode": rmc(tail=",,,Z"),
     "GST sigma": line("GPGST,120000,,,,,x,1,1"),
     "GNS mode": line("GNGNS,120000,4807.038,N,01131.000,E,AX,08,0.9,545.4,46.9,,"),
@@ -276,6 +275,13 @@ def test_gst_and_zda_complete_the_fix():
     fix = fix_of(gga() + line("GPGST,120000.000,1,2,3,4,0.5,0.6,1.7") + line("GPZDA,120000.000,21,11,2026,00,00"))
     assert (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m) == (0.5, 0.6, 1.7)
     assert fix.date == date(2026, 11, 21)
+
+
+@pytest.mark.parametrize("day", ["2208-1", "000000", "310294", ""])
+def test_a_receiver_whose_date_is_none_gives_its_positions_without_one(day):
+    """2208-1: a Telit HE910 since GPS's weeks rolled over in April 2019 (gpsd's april6_2019.log)."""
+    fix = fix_of(rmc(day=day))
+    assert (fix.lat_deg, fix.date) == (fix_of(rmc()).lat_deg, None)
 
 
 def test_a_receiver_without_gga_gives_fixes_too():

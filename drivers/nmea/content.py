@@ -144,7 +144,15 @@ def rmc(s: Sentence) -> RmcGllGroup:
         raise RefusedError("mode")
     position = latlon(lat, ns, lon, ew)
     speed = speed_mps(knots, KNOTS)
-    return RmcGllGroup(time_ns, calendar(day), QUALITY_OF_MODE[mode], *position, speed, course(track))
+    return RmcGllGroup(time_ns, _date_if_any(day), QUALITY_OF_MODE[mode], *position, speed, course(track))
+
+
+def _date_if_any(text: str) -> date | None:
+    """The date; None for what is none, such as 2208-1: week numbers roll over, which makes no position wrong."""
+    try:
+        return calendar(text)
+    except RefusedError:
+        return None
 
 
 def gll(s: Sentence) -> RmcGllGroup:

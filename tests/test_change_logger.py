@@ -141,6 +141,13 @@ def test_a_receiver_without_a_position_is_not_reported_silent(talks, said):
     assert said in receiver.faults(5 * SECOND)[0]
 
 
+def test_a_receiver_whose_positions_cannot_be_read_is_not_said_to_tell_none():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    for second in range(6):
+        receiver.feed(gga(f"12000{second}", lat="7.038,N"), second * SECOND)
+    assert receiver.faults(5 * SECOND) == ("receiver: its positions cannot be read: GGA latitude",)
+
+
 def test_a_receiver_that_repeats_its_fix_is_not_called_well():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(10):

@@ -38,6 +38,8 @@ _CLOCK = Refusal("unknown age", "their age is not known: their times do not go o
 _NO_PAUSE = Refusal("unknown age", "their age is not known: the line has no pauses, so they may have waited for it")
 _TOO_SLOW = "its line is too slow for all that it sends, which comes late: a higher baud rate, or fewer messages"
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
+_NO_POSITION = "tells no position, as GGA, RMC, GNS, GLL or TPV do"
+_POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -248,14 +250,17 @@ class Receiver:
         status = self.decoder.status
         if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
             talks = now_ns - self.last_data_ns <= STALE_FIX_NS
-            fault = "tells no position, as GGA, RMC, GNS, GLL or TPV do" if talks else "stale, nothing new comes"
-            return f"receiver: {fault}"
+            return f"receiver: {self._lack_of_positions() if talks else 'stale, nothing new comes'}"
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
             untimed = self._last is None and self.decoder.counters.get("no time")
             return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
         return ""
+
+    def _lack_of_positions(self) -> str:
+        unread = ", ".join(reason for reason in self.decoder.counters if reason.startswith(_POSITIONS))
+        return f"its positions cannot be read: {unread}" if unread else _NO_POSITION
 
     def _wrong_time(self) -> str:
         if self._backward_count >= STEADY:

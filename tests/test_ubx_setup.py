@@ -122,6 +122,14 @@ def test_a_receiver_without_nav_pvt_is_named_and_not_used():
     assert "NAV-PVT" in str(refused)
 
 
+def test_a_receiver_that_sends_other_messages_and_does_not_answer_is_named_and_not_used():
+    old = frame((0x01, 0x02), bytes(28)) + frame((0x01, 0x12), bytes(36))  # NAV-POSLLH, NAV-VELNED
+    device = Speaker(38400, old)
+    device.host_baud = device.baud
+    refused, _ = run(DRIVER.configure(Identity("ubx", "u-blox receiver", baud=38400), Options()), device)
+    assert isinstance(refused, Unsupported) and "no NAV-PVT" in str(refused)
+
+
 def test_nobody_answers():
     assert run(DRIVER.identify(), Mute(38400))[0] is None
     assert isinstance(run(detect("ubx", 9600), Speaker(9600, gga()))[0], UnrecognisedData)

@@ -15,6 +15,7 @@ from .setup import frames, set_up, streams, version
 
 UNNAMED = "u-blox receiver"
 TOO_OLD = "it has no NAV-PVT, which receivers have from u-blox 7 on: have it send NMEA, and name its port DEV:nmea"
+NO_PVT = "it sends no NAV-PVT, and does not answer: have it send that, or NMEA and name its port DEV:nmea"
 
 
 class Ubx:
@@ -49,7 +50,8 @@ class Ubx:
         if found is None:
             if (yield from streams()):
                 return GnssConfigured(identity, ("the receiver does not answer: left as it is",))
-            return None
+            others = yield Exchange(listen_s=self.timeout_s, enough=lambda received: bool(frames(received)))
+            return Unsupported(self.name, identity.model, NO_PVT, identity.baud) if frames(others) else None
         identity = replace(identity, model=found.model, firmware=found.firmware)
         outcome = yield from set_up(found, identity.baud, options.fix_rate_hz, options.keep_baud)
         if outcome.baud is None:

@@ -9,7 +9,7 @@ listened to a little longer, in case the device also sends one of its own.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 
 from .dialogue import Dialogue, Exchange
@@ -32,9 +32,23 @@ Found = Identity | Unsupported
 
 @dataclass
 class Activity:
-    """Whether any byte was received while the line was queried: a device there may answer late."""
+    """What was received while the line was queried: a device there may answer late, or in a way that is not known."""
 
-    seen: bool = False
+    seen: bool = False  # any byte, also an echo
+    answers: dict[int, bytes] = field(default_factory=dict)  # other bytes, by baud rate; the first ones
+
+    def add(self, baud: int, sent: bytes, received: bytes) -> None:
+        """What was received after `sent`."""
+        self.seen |= bool(received)
+        before = self.answers.get(baud, b"")
+        if received != sent and len(before) < RECEIVED_MAX:
+            self.answers[baud] = before + received
+
+    def unrecognised(self, bauds: Sequence[int]) -> UnrecognisedData | None:
+        """The answers as data of no known device; None if there were hardly any."""
+        data = [UnrecognisedData(answers, baud, tuple(bauds)) for baud, answers in self.answers.items()]
+        best = max(data, key=lambda one: one.rank, default=None)
+        return best if best and len(best.received) >= DATA_MIN else None
 
 
 def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
@@ -108,7 +122,7 @@ def detect(
             return (yield from _native(candidates, found))
         if data is not None:
             return data
-    return last or Silence(bauds, not readonly)
+    return last or activity.unrecognised(bauds) or Silence(bauds, not readonly)
 
 
 def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:
@@ -224,7 +238,7 @@ def _unless_echoed(
         exchange = next(dialogue)
         while echoes < ECHOES:
             received = b"" if hurry and exchange.optional else (yield exchange)
-            activity.seen |= bool(received)
+            activity.add(baud, exchange.send, received)
             if exchange.send and received:
                 echoes = echoes + 1 if received == exchange.send else 0
             exchange = dialogue.send(received)

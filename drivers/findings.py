@@ -11,6 +11,8 @@ SHOWN, TEXT_SHOWN = 24, 90  # bytes
 HEADERS = {  # of binary protocols, and what the data are if no driver takes them
     b"\xb5\x62\x01": "of a u-blox receiver in UBX, but no position for this driver: "
     "have it send NAV-PVT or NMEA, and name either the driver ubx or none",
+    b"\x3e\x04\x00\x0d": "of an Epson sensor that says that it is not ready, for as long as it was asked: "
+    "switch it off and on; if that changes nothing, it is defective",
     b"\xa0\xa2\x00": "of a SiRF receiver in its own binary format, which imud does not read: have it send NMEA",
 }
 

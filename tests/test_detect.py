@@ -129,6 +129,24 @@ def test_what_the_user_names_is_all_that_is_tried():
     assert silent.written == b""
 
 
+class Modem(Mute):
+    """Answers whatever ends in CR."""
+
+    def receive(self, data):
+        self.say(b"\r\nERROR\r\n" * data.count(b"\r"))
+
+
+def test_a_device_that_answers_but_is_not_known_is_not_called_silent():
+    found, _ = run(detect(), Modem(115200))
+    assert isinstance(found, UnrecognisedData) and found.baud == 115200
+    assert "text, but of no device that imud knows" in str(found) and "ERROR" in str(found)
+
+
+def test_an_imu_that_never_becomes_ready_is_named():
+    found, _ = run(detect(), G350(boot_s=1e3, silent_boot=False))
+    assert "of an Epson sensor that says that it is not ready" in str(found)
+
+
 def test_readonly_never_writes():
     device = G350()
     found, seconds = run(detect(readonly=True), device)

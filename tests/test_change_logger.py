@@ -99,6 +99,15 @@ def test_samples_that_no_counter_misses_are_lost_by_the_clock(gap):
     assert sensor.counters()["lost"] == sensor.lost
 
 
+@pytest.mark.parametrize(("share", "is_fault"), [(1.0, False), (0.5, True)])
+def test_samples_at_another_rate_than_agreed_are_a_fault(share, is_fault):
+    sensor = inertial(by_name("crossbow"))
+    for k in range(500):
+        receive_from(sensor, packet((0, 0, 0, 0, 0, 10923), clock=-round(12_658 * share * k)), k * SECOND // 100)
+        sensor.rate_ratio()
+    assert any("at another rate than was agreed" in fault for fault in sensor.faults(5 * SECOND)) == is_fault
+
+
 def test_the_driver_reports_a_fault_bit_that_is_set_from_the_start():
     sensor = inertial(by_name("crossbow"))
     level = (0, 0, 0, 0, 0, 10923)

@@ -32,6 +32,7 @@ _BEYOND = {
     ),
 }
 _DAMAGED = f"inertial sensor: more than {HIGH:.0%} of its samples do not arrive whole"
+_OTHER_RATE = "inertial sensor: its samples come at another rate than was agreed: their times are wrong"
 
 
 class Inertial:
@@ -134,7 +135,9 @@ class Inertial:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
         clock = (_BEYOND[name] for name in self.out_of_limits() if name != "temperature_c")
-        return (*damaged, *clock, *self.reading_faults())
+        share = self.rate_monitor.share if self.rate_monitor else None
+        other_rate = () if share in (None, 1.0) else (_OTHER_RATE,)
+        return (*damaged, *other_rate, *clock, *self.reading_faults())
 
     def reading_faults(self) -> tuple[str, ...]:
         """Those that make its readings wrong: none of its line or clock, nor of a machine that is too busy."""

@@ -237,6 +237,12 @@ def vg700(clock):
     return b"\xaa\x55" + body + struct.pack(">H", sum(body))
 
 
+def test_a_unit_of_which_no_packet_comes_whole_is_not_said_to_be_of_another_model():
+    """Its checksums are wrong, or the line disturbs them; it answers all the same."""
+    found, _ = run(detect(), Rga(sends=lambda clock: b"\xaa\x55" + bytes(22)[:-1] + b"\x01"))
+    assert isinstance(found, Unsupported) and "no whole packet" in str(found)
+
+
 @pytest.mark.parametrize("streaming", [True, False])
 @pytest.mark.parametrize(
     ("sends", "says"), [(ff(18), "IMU"), (ff(22), "VG or"), (ff(30), "AHRS"), (vg700, "VG700MB")]

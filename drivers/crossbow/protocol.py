@@ -118,7 +118,8 @@ def describe(name: str) -> Dialogue[Identity | Unsupported | None]:
         if kind.is_packet(packet):
             return unsupported(name, f"{kind.name}: {firmware}" if firmware else kind.name)
     if serial:
-        return unsupported(name, f"Crossbow DMU {firmware or 'of an unknown model'}")
+        model = f"Crossbow DMU {firmware or 'of an unknown model'}"
+        return Unsupported(name, model, "no whole packet of the RGA300CA's angle mode comes from it")
     return None
 
 

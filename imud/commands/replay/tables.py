@@ -157,7 +157,7 @@ def _unit_warnings(samples: Records) -> Iterator[str]:
     if period_s > _PERIOD_MAX_S:
         yield f"the samples are {period_s:g} s apart: is t_s in s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
-        yield f"the specific force is mostly {force:.3g} m/s^2, where gravity alone gives 9.8: is it in m/s^2?"
+        yield f"the specific force is mostly {force:.3g} m/s^2, gravity alone gives 9.8: is it in m/s^2, with gravity?"
     elif down < -_FORCE_MPS2[0]:
         yield "the sensor is upside down; if it is not, its axes are others: --set imu.mount_rpy_deg=[180,0,0] for FLU"
 

@@ -243,3 +243,24 @@ def test_a_burst_torn_by_lost_bytes_stays_one_epoch():
     fixes = decoder.feed(gga(), now) + decoder.feed(rmc(motion="10.0,20.0"), now + 300_000_000)
     fixes += decoder.flush(now + 10**9)
     assert [fix.course_deg for fix in fixes] == [20.0]
+
+
+def plotted(time):
+    """What a plotter makes of the last fix that it got: fewer digits, and a time of its own."""
+    return line(f"IIRMC,{time},A,4807.03,N,01131.00,E,22,84,230394,,,A")
+
+
+@pytest.mark.parametrize("status", ["A", "V"])
+@pytest.mark.parametrize("shift_s", [-1, 0.5])
+def test_what_an_instrument_repeats_of_a_receiver_on_the_same_line_is_no_fix(shift_s, status):
+    receiver = Receiver()
+    for k in range(86_390, 86_410):  # over midnight
+        day = [f"{s // 3600 % 24:02}{s // 60 % 60:02}{s % 60:02}" for s in (k, int(k + shift_s))]
+        own, repeated = rmc(day[0], status), plotted(f"{day[1]}.{int(shift_s % 1 * 10)}")
+        receiver.burst(own)
+        receiver.now_ns -= 500_000_000
+        receiver.burst(repeated)
+        receiver.now_ns -= 500_000_000
+    assert len(receiver.fixes) == 20
+    is_own = {fix.step_deg < 1e-4 for fix in receiver.fixes}
+    assert is_own == {status == "A"}  # where the receiver has none, the plotter has one of its own

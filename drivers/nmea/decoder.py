@@ -6,6 +6,7 @@ ready when the next burst begins, or when the line has been silent. GST and ZDA 
 their time is ahead.
 """
 
+import math
 from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
@@ -21,6 +22,8 @@ ESTABLISHED, CONTRADICTED = 2, -3  # scores of a kind: at this end in two bursts
 LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
 INTERVAL_MAX_NS = 10_000_000_000
 COMPANIONS = {"GST", "ZDA"}
+RECEIVERS = {"GP", "GN", "GL", "GA", "GB", "BD", "GQ", "QZ", "GI"}  # talkers
+ECHO_NS, DAY_NS = 5_000_000_000, 86_400_000_000_000  # after a receiver's last position it is not away yet
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
 
@@ -97,6 +100,7 @@ class NmeaDecoder:
         self._last_fix_utc_ns: int | None = None
         self._last_arrival_ns: int | None = None
         self._pause_ns: int | None = None  # when the first bytes after a pause came
+        self._receiver_utc_ns: int | None = None  # of the last position that a receiver itself sent
 
     @property
     def sky(self) -> Sky:
@@ -174,6 +178,8 @@ class NmeaDecoder:
     def _assign(self, sentence: Sentence, content: Content, after_pause: bool) -> list[Fix]:
         """Put a sentence into the epoch to which it belongs."""
         epoch, kind = self._epoch, sentence.kind
+        if sentence.talker in RECEIVERS and isinstance(content, GgaGns | RmcGllGroup) and content.quality:
+            self._receiver_utc_ns = content.utc_ns
         if epoch is not None and not after_pause and self._belongs(sentence, content, epoch):
             self._endings.contradict(epoch.last)
             self._beginnings.contradict(kind)
@@ -187,11 +193,23 @@ class NmeaDecoder:
         elif epoch is not None and not epoch.done and same_time(content.utc_ns, epoch.utc_ns):
             self.counters["repeated"] += 1  # by another talker
             return []
+        elif self._is_echo(sentence, content.utc_ns):
+            self.counters["repeated"] += 1
+            return []
         else:
             fixes = self._close()
             self._begin(sentence, content, after_pause)
             return fixes + (self._finish() if self._endings.is_established(kind) else [])
         return self._finish() if self._endings.is_established(kind) else []
+
+    def _is_echo(self, sentence: Sentence, utc_ns: int | None) -> bool:
+        """Whether an instrument (II, IN, EC …) sends its own copy of what a receiver on the same line has just sent.
+
+        It comes later, and perhaps with another time than that of its position.
+        """
+        if sentence.talker in RECEIVERS or utc_ns is None or self._receiver_utc_ns is None:
+            return False
+        return abs(math.remainder(utc_ns - self._receiver_utc_ns, DAY_NS)) < ECHO_NS
 
     def _belongs(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
         late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATE_INTERVALS * self._interval_ns

@@ -205,15 +205,29 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     assert c["cov"]["P"] == pytest.approx(P, rel=1e-9)
 
 
+def even_ride(speed, first_s):
+    """A minute and a half of even motion to the north, of which a receiver tells positions alone, from `first_s` on."""
+    rng, t = np.random.default_rng(3), 100.0 + np.arange(at(90.0)) / RATE
+    w, f = rng.normal(0.0, 1e-3, (len(t), 3)), rng.normal((0.0, 0.0, -9.81), 0.02, (len(t), 3))
+    epochs = 100.0 + np.arange(first_s, 90.0)
+    m, n = curvature(np.radians(50.0))[0], len(epochs)
+    north = speed * (epochs - 100.0) + rng.normal(0.0, 0.5, n)
+    columns = {"t_s": epochs, "arrival_s": epochs + 0.2, "lat_deg": 50.0 + np.degrees(north / m)}
+    columns |= {"lon_deg": np.full(n, 8.0), "height_m": np.full(n, 100.0), "hdop": np.ones(n)}
+    out, _, _ = navigate(samples_of(t, w, f), fixes_of(columns, n))
+    return out, ((out["lat"] - np.radians(50.0)) * m - speed * (t - 100.0)) / out["sigma_p"][:, 0]
+
+
 @pytest.mark.parametrize("speed", [4.0, 20.0])
 def test_an_even_ride_of_which_no_velocity_is_reported_is_no_rest_as_its_positions_go_on(speed):
-    rng, t = np.random.default_rng(3), 100.0 + np.arange(at(60.0)) / RATE
-    w, f = rng.normal(0.0, 1e-3, (len(t), 3)), rng.normal((0.0, 0.0, -9.81), 0.02, (len(t), 3))
-    epochs = 100.0 + np.arange(60.0)
-    m, _ = curvature(np.radians(50.0))
-    north = speed * (epochs - 100.0) + rng.normal(0.0, 0.5, 60)
-    columns = {"t_s": epochs, "arrival_s": epochs + 0.2, "lat_deg": 50.0 + np.degrees(north / m)}
-    rest = {"lon_deg": np.full(60, 8.0), "height_m": np.full(60, 100.0), "hdop": np.ones(60)}
-    out, _, _ = navigate(samples_of(t, w, f), fixes_of(columns | rest, 60))
+    out, normalised = even_ride(speed, 0.0)
     assert not (out["status"] & (AT_REST | REJECTING)).any()
-    assert abs((out["lat"][-1] - np.radians(50.0)) * m - speed * (t[-1] - 100.0)) < 3.0 * out["sigma_p"][-1, 0]
+    assert np.abs(normalised[at(2.0) :]).max() < 3.0
+
+
+@pytest.mark.parametrize("speed", [4.0, 20.0])
+def test_an_even_ride_is_no_rest_twenty_seconds_after_the_first_fix(speed):
+    out, normalised = even_ride(speed, 25.0)
+    assert (out["status"][: at(25.0)] & AT_REST).any()
+    assert not (out["status"][at(45.0) :] & (AT_REST | REJECTING)).any()
+    assert np.abs(normalised[at(45.0) :]).max() < 3.0

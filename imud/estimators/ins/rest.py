@@ -18,7 +18,7 @@ from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
 from .ekf import innovation_variance, set_jacobian, variance
 from .mechanization import rotation_matrix
-from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATING, VELOCITY
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HORIZONTAL, NAVIGATING, VELOCITY
 from .stationarity import interrupt_rest
 
 if TYPE_CHECKING:
@@ -70,11 +70,24 @@ def withdraw_rest(c: Core) -> None:
 
 
 @kernel
+def fixes_contradict_rest(p: Parameters, c: Core) -> bool:
+    """Whether positions go on to contradict a rest that no earlier ones have confirmed.
+
+    Before the heading is known, even motion looks like rest: if the first fixes after a start, an outage or a reset
+    move on, they are right. A receiver that drifts away has agreed with the rest before.
+    """
+    g, rejected = c.integrity, c.integrity.reject_count[HORIZONTAL]
+    few = c.gnss.fix_count - rejected <= p.tuning.reset_count
+    new = few or g.outage_at_reject_s > p.tuning.fresh_fix_s or g.reset_score > 0.0
+    return bool(c.alignment.mode != NAVIGATING and rejected > p.tuning.reset_count and new)
+
+
+@kernel
 def speed_allows_rest(p: Parameters, c: Core) -> bool:
     """Whether the speed, as far as it is known, allows rest."""
     s = c.stationarity
     fresh = c.gnss.fix_count > 0 and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.fresh_fix_s
-    known = fresh and c.gnss.speed >= 0.0
+    known = (fresh or fixes_contradict_rest(p, c)) and c.gnss.speed >= 0.0
     if known and c.gnss.speed > p.tuning.rest_speed:
         return False
     speed2 = c.nav.v_n[0] ** 2 + c.nav.v_n[1] ** 2 + c.nav.v_n[2] ** 2

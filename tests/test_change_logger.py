@@ -157,6 +157,14 @@ def test_a_receiver_whose_positions_cannot_be_read_is_not_said_to_tell_none():
     assert receiver.faults(5 * SECOND) == ("receiver: its positions cannot be read: GGA latitude",)
 
 
+@pytest.mark.parametrize(("sentence", "is_used"), [("APHDM,218.6,M", False), ("HEHDT,218.6,T", True)])
+def test_a_sensor_of_which_nothing_is_used_is_not_called_well(sentence, is_used):
+    sensor = Receiver(by_name("nmea"), Settings().gnss, 0, positions=False)
+    for second in range(6):
+        sensor.feed(line(sentence) + line("APXDR,A,0.1,D,PTCH"), second * SECOND)
+    assert any("tells nothing that is used" in fault for fault in sensor.faults(5 * SECOND)) != is_used
+
+
 def test_a_receiver_that_repeats_its_fix_is_not_called_well():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(10):

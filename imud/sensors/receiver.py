@@ -40,6 +40,10 @@ _TOO_SLOW = "its line is too slow for all that it sends, which comes late: a hig
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
 _NO_POSITION = "tells no position, as GGA, RMC, GNS, GLL or TPV do"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
+_UNUSED = (
+    "sensor: tells nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
+    "speeds over ground (VBW) or with aiding.current_mps"
+)
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}
 _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoofing, so its fixes are refused"}
@@ -243,7 +247,8 @@ class Receiver:
     def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
         if not self.positions:
-            return "sensor: stale, nothing new comes" if now_ns - self.last_data_ns > STALE_FIX_NS else ""
+            is_stale, is_new = now_ns - self.last_data_ns > STALE_FIX_NS, now_ns - self._connected_ns <= STALE_FIX_NS
+            return "sensor: stale, nothing new comes" if is_stale else "" if self.received or is_new else _UNUSED
         return self._lack_of_fixes(now_ns) or self._wrong_time() or self._unusable_fixes(now_ns)
 
     def _lack_of_fixes(self, now_ns: int) -> str:

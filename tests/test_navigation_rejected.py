@@ -5,7 +5,7 @@ After an outage it is as likely to be wrong as the receiver, and what has grown 
 
 import numpy as np
 import pytest
-from navigation_runner import navigate, without
+from navigation_runner import fixes_of, navigate, without
 from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_faults import RATE, START, at, data, moved
 
@@ -94,3 +94,16 @@ def wrong_and_sure_s(fault, receiver, has_velocity, seed):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_outage_in_which_the_imu_errs_more_than_stated_is_not_blamed_on_the_receiver(fault, receiver, has_velocity):
     assert sum(wrong_and_sure_s(fault, receiver, has_velocity, seed) for seed in range(12)) < 12.0
+
+
+def test_a_reset_over_any_distance_ends_at_the_fix():
+    """A receiver that first tells 0, 0: metres to the east at the equator are another angle at 47 degrees."""
+    samples, t = data()[0][: at(60.0)], 100.0 + np.arange(60.0)
+    early = t < 115.0
+    lat, lon = np.where(early, 0.0, 47.0), np.where(early, 0.0, 8.0)
+    columns = {"t_s": t, "arrival_s": t + 0.2, "lat_deg": lat, "lon_deg": lon}
+    out, _, _ = navigate(samples, fixes_of(columns | {"height_m": np.full(60, 100.0), "hdop": np.ones(60)}, 60))
+    reset = out["lat"] > np.radians(46.0)
+    assert reset.any()
+    assert np.degrees(out["lon"][reset]) == pytest.approx(8.0, abs=1e-2)
+    assert np.degrees(out["lat"][reset]) == pytest.approx(47.0, abs=1e-2)

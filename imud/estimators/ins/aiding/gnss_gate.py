@@ -259,9 +259,13 @@ def reset_to_gnss(
     Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
     which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
     """
+    # along all axes at once: the metres east are those at the latitude before
+    if first == 0:
+        displace(c, bias_free_innovation(c, 0), bias_free_innovation(c, 1), 0.0)
+    if last == 3:
+        displace(c, 0.0, 0.0, bias_free_innovation(c, 2))
     for i in range(first, last):
         z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
-        displace(c, z if i == 0 else 0.0, z if i == 1 else 0.0, z if i == 2 else 0.0)
         decorrelate(c, POSITION + i, (p.tuning.reset_sigmas * sigma) ** 2 + p.tuning.reset_position_sigma**2)
         clear_gnss_bias(c, i, sigma * sigma)
         inflate_position(c, i, z * z)

@@ -76,6 +76,7 @@ class Says:
         {"speed_mps": 2e6},
         {"alt_msl_m": -2e6},
         {"alt_msl_m": 9e5, "geoid_sep_m": 9e5},
+        {"lat_deg": 0.0, "lon_deg": 0.0},
     ],
 )
 def test_a_fix_that_cannot_be_is_refused_and_a_fault(told):

@@ -38,7 +38,7 @@ class Refusal:
         return self.why
 
 
-IMPOSSIBLE = Refusal("range", "their height or velocity is beyond what can be")
+IMPOSSIBLE = Refusal("range", "their position is 0, 0, or their height or velocity is beyond what can be")
 
 
 def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
@@ -52,7 +52,12 @@ def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
 
 
 def is_possible(fix: Fix) -> bool:
-    """Whether height and velocity are below what anything with a receiver reaches; what is not known is possible."""
+    """Whether height and velocity are below what anything with a receiver reaches; what is not known is possible.
+
+    0, 0 to the last digit is what some receivers and multiplexers tell without a fix, as a valid one.
+    """
+    if fix.lat_deg == 0.0 and fix.lon_deg == 0.0:
+        return False
     speeds = (fix.speed_mps, *(fix.velocity_mps or ()))
     heights = (fix.height_m, fix.alt_msl_m)
     impossible = (abs(_or_nan(speed)) > SPEED_MAX_MPS for speed in speeds)

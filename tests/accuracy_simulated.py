@@ -1,7 +1,8 @@
 """How long the navigation filter is wrong and sure on simulated drives and flights, with and without a bias that steps.
 
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
-                                        [--warm-up 0.05] [--set KEY=VALUE,..] [--jobs 2]
+                                        [--warm-up 0.05] [--fault turn|outage|moving]
+                                        [--set KEY=VALUE,..] [--jobs 2]
 
 22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
 the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up (by
@@ -11,11 +12,15 @@ goes through what users run, at its full rate; of the settings it has only that 
 and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the status says that position,
 attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5 degrees. Seconds are sums
 over the seeds, the rest medians (NEES: means) from a minute after the start on.
+
+Faults, at the time of the step: the gyro turns by 150 deg too far in a second (turn); there are no fixes for 30 s, in
+which the gyro is off by 0.3 deg/s (outage); the first 70 s are missing, so that most start moving (moving).
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 import itertools
 import os
@@ -132,7 +137,25 @@ def judged(d, out, begin):
     }
 
 
-def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05):
+def with_fault(fault, d, samples, fixes, begin, sign):
+    """(Drive, SAMPLE rows, FIX rows, sample from which on the yaw counts)."""
+    if fault == "turn":
+        samples["w"][begin : begin + int(RATE), 2] += np.radians(150.0 * sign)
+    elif fault == "outage":
+        missing = slice(begin, begin + int(30.0 * RATE))
+        samples["w"][missing, 2] += np.radians(0.3 * sign)
+        t_ns = samples["t_ns"][missing]
+        fixes = fixes[(fixes["t_ns"] < t_ns[0]) | (fixes["t_ns"] > t_ns[-1])]
+    elif fault == "moving":
+        first = int(70.0 * RATE)
+        samples = samples[first:]
+        fixes, begin = fixes[fixes["t_ns"] >= samples["t_ns"][0]], 0
+        d = type(d)(*(getattr(d, field.name)[first:] for field in dataclasses.fields(d)))
+        d = dataclasses.replace(d, t=d.t - d.t[0])
+    return d, samples, fixes, begin
+
+
+def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None):
     """The figures of one run, by name."""
     d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
     rng = np.random.default_rng([seed, *sources, 1])
@@ -140,6 +163,7 @@ def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05):
     samples, fixes = sensed(d, rng, vrw, arw, warm_up_dps), received(d, rng, receiver)
     begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
     samples["w"][begin:, 2] += np.radians(sign * step_dps)
+    d, samples, fixes, begin = with_fault(fault, d, samples, fixes, begin, sign)
     out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
     return judged(d, out, begin)
 
@@ -166,6 +190,7 @@ def arguments():
     parser.add_argument("--receivers", type=names, default=list(RECEIVERS))
     parser.add_argument("--step", type=names, default=["0", "0.5"], help="deg/s")
     parser.add_argument("--warm-up", type=float, default=0.05, help="deg/s, 1 sigma")
+    parser.add_argument("--fault", choices=["turn", "outage", "moving"])
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args()
@@ -175,7 +200,7 @@ def main():
     a = arguments()
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     runs = itertools.product(a.vehicles, a.seeds, a.receivers, map(float, a.step))
-    jobs = [(vehicle, receiver, step, seed, tuning, a.warm_up) for vehicle, seed, receiver, step in runs]
+    jobs = [(vehicle, receiver, step, seed, tuning, a.warm_up, a.fault) for vehicle, seed, receiver, step in runs]
     found = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):

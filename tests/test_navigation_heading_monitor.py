@@ -56,3 +56,14 @@ def test_an_unsure_alignment_inflates_the_heading_only(contradicted):
 
 def test_while_pairs_contradict_it_the_heading_is_not_valid(contradicted):
     assert contradicted(0.4)[2][:2] == [True, False]
+
+
+@pytest.mark.parametrize("rejected", [0, 1, 2])
+def test_with_two_rejected_velocities_in_a_row_the_heading_is_not_valid(rejected):
+    """A wrong heading rejects them, as a turn that the gyro has not seen; one alone may be an outlier."""
+    p, s = nominal(3)
+    c = record(s).core[0]
+    c.cov.P[YAW], c.integrity.velocity_reject_count = 0.01**2, rejected
+    row = np.zeros(1, SOLUTION)
+    interpreted(write_solution)(p[0].view(np.recarray), c, record(row))
+    assert bool(row["status"][0] & HEADING_VALID) == (rejected < 2)

@@ -85,7 +85,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
         bits |= ATTITUDE_VALID
     known = c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0
     contradicted = c.alignment.heading_fault_count >= p.tuning.contradicted_heading_pairs
-    contradicted |= c.compass_offset.unconfirmed != 0 and c.integrity.velocity_reject_count > 1
+    contradicted |= c.integrity.velocity_reject_count > 1
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:

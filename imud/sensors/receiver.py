@@ -41,7 +41,7 @@ _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it 
 _NO_POSITION = "tells no position, as GGA, RMC, GNS, GLL or TPV do"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
 _UNUSED = (
-    "sensor: tells nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
+    "sensor: sends nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
     "speeds over ground (VBW) or with aiding.current_mps"
 )
 _NO_AIDING = AidingSettings()

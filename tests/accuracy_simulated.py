@@ -150,8 +150,8 @@ def with_fault(fault, d, samples, fixes, begin, sign):
         first = int(70.0 * RATE)
         samples = samples[first:]
         fixes, begin = fixes[fixes["t_ns"] >= samples["t_ns"][0]], 0
-        d = type(d)(*(getattr(d, field.name)[first:] for field in dataclasses.fields(d)))
-        d = dataclasses.replace(d, t=d.t - d.t[0])
+        later = {field.name: getattr(d, field.name)[first:] for field in dataclasses.fields(d)}
+        d = dataclasses.replace(d, **later | {"t": d.t[first:] - d.t[first]})
     return d, samples, fixes, begin
 
 

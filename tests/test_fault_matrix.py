@@ -60,11 +60,10 @@ def test_wheels_that_jump_while_there_is_no_receiver_are_not_believed():
     assert cell(12, "odometer", "jumping").sure_s == 0.0
 
 
-UNLUCKY = {  # (vehicle, source, fault, seed): most seconds wrong and sure, most harm
-    ("robot", "odometer", "frozen", 12): (0.0, 4.0),
-    ("robot", "odometer", "frozen", 13): (40.0, 12.0),
-    ("robot", "two wheels", "wrong units", 13): (20.0, 4.0),
-}
+WARMS_UP = pytest.mark.xfail(
+    strict=True, reason="while a gyro's bias may warm up, slow vehicles give way to a fault: docs/limits.md"
+)
+GIVE_WAY = {("odometer", "frozen", 12), ("odometer", "frozen", 13), ("two wheels", "wrong units", 13)}  # robots
 
 
 @pytest.mark.thorough
@@ -82,12 +81,12 @@ UNLUCKY = {  # (vehicle, source, fault, seed): most seconds wrong and sure, most
         ("walk", "velocity", "wrong units"),
     ],
 )
-def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed):
-    """But for one robot of ten, whose wheels are believed until its gyro's bias, which warms up, is known."""
+def test_of_other_vehicles_none_is_wrong_and_sure(where, name, fault, seed, request):
+    if where == "robot" and (name, fault, seed) in GIVE_WAY:
+        request.applymarker(WARMS_UP)
     found, without_it = cell(seed, name, fault, where), cell(seed, where=where)
-    most_s, most_harm = UNLUCKY.get((where, name, fault, seed), (without_it.sure_s, 3.0))
-    assert found.sure_s <= most_s, found.worst
-    assert harm(found, without_it)[0] < most_harm
+    assert found.sure_s <= without_it.sure_s, found.worst
+    assert harm(found, without_it)[0] < 3.0
 
 
 @pytest.mark.thorough
@@ -101,27 +100,28 @@ def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
 
 @pytest.mark.parametrize("where", LAND)
 @pytest.mark.parametrize("fault", OF_POSES)
-def test_a_map_that_is_turned_is_found_out(where, fault):
-    """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved.
-
-    A robot of walking pace needs half a minute for 10 deg, in one of three drives.
-    """
-    slow = (fault, where) == ("map turned by 10 deg", "robot")
+def test_a_map_that_is_turned_is_found_out(where, fault, request):
+    """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved."""
+    if (where, fault) == ("robot", "map turned by 10 deg"):
+        request.applymarker(WARMS_UP)
     found = cell(11, "pose", fault, where)
-    assert found.sure_s <= (40.0 if slow else 0.0), found.worst
-    assert found.rms["yaw"] < (10.0 if slow else 3.0)
+    assert found.sure_s == 0.0, found.worst
+    assert found.rms["yaw"] < 3.0
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("where", "seed", "direction"),
-    [("robot", 32, 4.5), ("robot", 704, 2.0), ("robot", 706, 0.3), ("boat", 704, 4.0), ("boat", 706, 2.4)],
+    [
+        ("robot", 32, 4.5),
+        pytest.param("robot", 703, 1.3, marks=WARMS_UP),
+        ("robot", 706, 0.3),
+        pytest.param("boat", 705, 5.5, marks=WARMS_UP),
+        ("boat", 706, 2.4),
+    ],
 )
 def test_a_receiver_that_drifts_turns_no_heading_and_nothing_of_it_is_left_when_it_is_found(where, seed, direction):
-    """At walking pace it was taken for steps of the gyro's bias; of boats the velocity kept what it had done.
-
-    Of nine such drives two (a robot, seed 703, 1.3; a boat, 705, 5.5) are wrong and sure, as the bias may warm up.
-    """
+    """At walking pace it was taken for steps of the gyro's bias; of boats the velocity kept what it had done."""
     rng, d = np.random.default_rng(seed), vehicle(where, seed, 200.0)
     samples = sensed(d, rng, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
     fixes = ramped(received(d, rng, late=0.1, sigma=1.2), 60.0, direction)

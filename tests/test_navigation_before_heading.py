@@ -206,7 +206,7 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
 
 
 def even_ride(speed, first_s):
-    """A minute and a half of even motion to the north, of which a receiver tells positions alone, from `first_s` on."""
+    """A minute and a half of even motion to the north, of which a receiver sends positions alone, from `first_s` on."""
     rng, t = np.random.default_rng(3), 100.0 + np.arange(at(90.0)) / RATE
     w, f = rng.normal(0.0, 1e-3, (len(t), 3)), rng.normal((0.0, 0.0, -9.81), 0.02, (len(t), 3))
     epochs = 100.0 + np.arange(first_s, 90.0)

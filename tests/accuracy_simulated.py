@@ -1,7 +1,7 @@
 """How long the navigation filter is wrong and sure on simulated drives and flights, with and without a bias that steps.
 
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
-                                        [--warm-up 0.05] [--fault turn|outage|moving]
+                                        [--warm-up 0.05] [--fault turn|outage|moving] [--errors none|all|NAME,..]
                                         [--set KEY=VALUE,..] [--jobs 2]
 
 22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
@@ -15,6 +15,7 @@ over the seeds, the rest medians (NEES: means) from a minute after the start on.
 
 Faults, at the time of the step: the gyro turns by 150 deg too far in a second (turn); there are no fixes for 30 s, in
 which the gyro is off by 0.3 deg/s (outage); the first 70 s are missing, so that most start moving (moving).
+Errors: `simulated_errors`.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from navigation_runner import fixes_of, navigate, samples_of, settings_of
 from navigation_simulation import curvature, errors, moved
+from simulated_errors import ERRORS, part
 from simulated_vehicles import VEHICLES
 from vehicle_simulation import RATE, smooth
 
@@ -150,12 +152,12 @@ def with_fault(fault, d, samples, fixes, begin, sign):
         first = int(70.0 * RATE)
         samples = samples[first:]
         fixes, begin = fixes[fixes["t_ns"] >= samples["t_ns"][0]], 0
-        later = {field.name: getattr(d, field.name)[first:] for field in dataclasses.fields(d)}
-        d = dataclasses.replace(d, **later | {"t": d.t[first:] - d.t[first]})
+        d = part(d, slice(first, None))
+        d = dataclasses.replace(d, t=d.t - d.t[0])
     return d, samples, fixes, begin
 
 
-def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None):
+def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None, error="none"):
     """The figures of one run, by name."""
     d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
     rng = np.random.default_rng([seed, *sources, 1])
@@ -163,7 +165,9 @@ def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fa
     samples, fixes = sensed(d, rng, vrw, arw, warm_up_dps), received(d, rng, receiver)
     begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
     samples["w"][begin:, 2] += np.radians(sign * step_dps)
-    d, samples, fixes, begin = with_fault(fault, d, samples, fixes, begin, sign)
+    after = len(d.t) - begin
+    d, samples, fixes = ERRORS[error](d, samples, fixes, np.random.default_rng([seed, *sources, 2]))
+    d, samples, fixes, begin = with_fault(fault, d, samples, fixes, max(len(d.t) - after, 0), sign)
     out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
     return judged(d, out, begin)
 
@@ -191,6 +195,7 @@ def arguments():
     parser.add_argument("--step", type=names, default=["0", "0.5"], help="deg/s")
     parser.add_argument("--warm-up", type=float, default=0.05, help="deg/s, 1 sigma")
     parser.add_argument("--fault", choices=["turn", "outage", "moving"])
+    parser.add_argument("--errors", type=names, default=["none"], help="all: each of them")
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args()
@@ -199,16 +204,21 @@ def arguments():
 def main():
     a = arguments()
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
-    runs = itertools.product(a.vehicles, a.seeds, a.receivers, map(float, a.step))
-    jobs = [(vehicle, receiver, step, seed, tuning, a.warm_up, a.fault) for vehicle, seed, receiver, step in runs]
+    kinds = list(ERRORS) if a.errors == ["all"] else a.errors
+    runs = itertools.product(a.vehicles, a.seeds, a.receivers, kinds, map(float, a.step))
+    jobs = [
+        (vehicle, receiver, step, seed, tuning, a.warm_up, a.fault, error)
+        for vehicle, seed, receiver, error, step in runs
+    ]
     found = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):
-            for vehicle, receiver in (job[:2], ("all", "all")):
-                found.setdefault((f"{job[2]:g}", vehicle, receiver), []).append(row)
-    print("| step deg/s | vehicle | receiver |", " | ".join(row), "|")
-    print("|---" * (3 + len(row)) + "|")
-    for head, rows in sorted(found.items(), key=lambda item: (item[0][0], item[0][1] == "all")):
+            vehicle, receiver, step, *_, error = job
+            for of in ((vehicle, receiver), ("all", "all")):
+                found.setdefault((error, f"{step:g}", *of), []).append(row)
+    print("| error | step deg/s | vehicle | receiver |", " | ".join(row), "|")
+    print("|---" * (4 + len(row)) + "|")
+    for head, rows in sorted(found.items(), key=lambda item: (item[0][:2], item[0][2] == "all")):
         print(line(head, rows))
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from imud.batch import play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
+from imud.estimators.ins.state import STATES
 from imud.estimators.records import FIX, INNOVATION
+from imud.math.kalman import unpack
 from imud.pipeline import Filter
 from imud.smoothing import play_smoothed
 
@@ -43,7 +45,19 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
         lambda rows: solutions.append(rows.copy()),
         on_innovations=innovations.append,
     )
-    return np.concatenate(solutions), np.concatenate(innovations)
+    out = np.concatenate(solutions)
+    check_variances(filter_, out)
+    return out, np.concatenate(innovations)
+
+
+def check_variances(filter_: Filter, out: Records) -> None:
+    """None has become negative or not a number, in the solutions or in the INS's covariance."""
+    for name, of in (("sigma_p", "lat"), ("sigma_v", "lat"), ("sigma_rpy", "t_ns")):
+        known = np.isfinite(out[of])
+        assert (out[name][known] >= 0.0).all(), f"{name} is negative or no number"
+    if "core" in (filter_.state.dtype.names or ()):
+        variances = np.diag(unpack(filter_.state["core"][0, 0]["cov"]["P"], STATES))
+        assert (variances >= 0.0).all(), f"variances are {variances[~(variances >= 0.0)]}"
 
 
 def smoothed_solutions(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> Records:

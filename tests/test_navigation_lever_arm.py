@@ -14,6 +14,7 @@ from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.daemon.status_reporter import StatusReporter
 from imud.estimators.ins.aiding.lever_arm_prior import odds_of_mistake, set_gnss_lever_arm, weigh_lever_arm
+from imud.estimators.ins.ekf import inflate
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, GNSS_LEVER_ARM, LEVER_ARM_FAULT, NAVIGATING, POSITION, STATES
@@ -219,6 +220,35 @@ def test_odds_of_twenty_give_a_component_its_larger_prior(odds, is_wrong):
     assert in_c(weigh_lever_arm)(p, c) == is_wrong
     assert c["cov"]["P"][right] == pytest.approx(1.0 / (1.0 / wide2 + information) if is_wrong else known)
     assert c["gnss"]["lever_arm_is_measured"][1] == (not is_wrong)
+
+
+def test_a_component_gets_its_larger_prior_also_after_an_outage_has_inflated_the_covariance():
+    """No variance is negative then: what its prior is taken back from must not have grown beyond it."""
+    p = configure(Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), 100.0)[0]
+    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    c["alignment"]["mode"], c["gnss"]["lever_arm_is_measured"] = NAVIGATING, (0, 1, 0)
+    P, right = np.diag(np.full(STATES, 0.1)), GNSS_LEVER_ARM + 1
+    P[right, right] = 0.025**2
+    P[POSITION, right] = P[right, POSITION] = 0.5 * np.sqrt(0.1) * 0.025
+    c["cov"]["P"], c["nav"]["gnss_lever_arm"][1] = P[np.triu_indices(STATES)], 0.3
+    in_c(inflate)(c, 25.0)
+    assert in_c(weigh_lever_arm)(p, c)
+    P = unpack(c["cov"]["P"], STATES)
+    rho2 = 1.0 / (1.0 / 0.03**2 - 1.0 / 0.2**2)
+    assert P[right, right] == pytest.approx(1.0 / (1.0 / 0.025**2 - 1.0 / rho2))
+    assert P[POSITION, POSITION] > 2.5
+    assert np.linalg.eigvalsh(P)[0] > 0.0
+
+
+def test_a_component_that_another_fault_has_opened_keeps_its_variance():
+    p = configure(Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))), 100.0)[0]
+    c = start(configure(Settings(), 100.0), Initial())[0]["core"][0]
+    c["alignment"]["mode"], c["gnss"]["lever_arm_is_measured"] = NAVIGATING, (0, 1, 0)
+    right = interpreted(packed_index)(STATES, GNSS_LEVER_ARM + 1, GNSS_LEVER_ARM + 1)
+    c["cov"]["P"][right], c["nav"]["gnss_lever_arm"][1] = 0.05**2, 0.3
+    assert not in_c(weigh_lever_arm)(p, c)
+    assert c["cov"]["P"][right] == 0.05**2
+    assert c["gnss"]["lever_arm_is_measured"][1] == 0
 
 
 @pytest.mark.parametrize(("mistake", "is_looked_for"), [(0.0, False), (1.0, True)])

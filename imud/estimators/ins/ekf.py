@@ -91,9 +91,18 @@ def add_variance(c: Core, i: int, q: float) -> None:
 
 @kernel
 def inflate(c: Core, factor: float) -> None:
-    """P *= factor >= 1: all errors are larger than stated, in the same proportion, and the correlations stay."""
-    for k in range(STATES * (STATES + 1) // 2):
-        c.cov.P[k] *= factor
+    """P *= factor >= 1: the errors are larger than stated, in the same proportion, and the correlations stay.
+
+    That of the lever arm, the last three, stays as it is: it does not change, and what is known of it is no estimate of
+    the motion (`aiding.lever_arm_prior`).
+    """
+    P, root = c.cov.P, math.sqrt(factor)
+    for i in range(GNSS_LEVER_ARM):
+        begin = packed_index(STATES, i, i) - i
+        for j in range(i, GNSS_LEVER_ARM):
+            P[begin + j] *= factor
+        for j in range(GNSS_LEVER_ARM, STATES):
+            P[begin + j] *= root
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accuracy_simulated import figures
 from navigation_runner import navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
 
@@ -65,3 +66,13 @@ def test_a_position_that_is_held_at_rest_is_used_and_released_when_it_changes():
     out, rows, _ = navigate(samples, fixes)
     assert rows["used"][(rows["kind"] == 0) & (rows["t_ns"] < 159 * 10**9)].all()
     assert errors_in_sigmas(d, out, 90.0, 150.0)[0].max() < 4.0
+
+
+def test_positions_that_a_receiver_repeats_now_and_then_say_nothing_new():
+    """A multicopter with RTK: one fix in three repeats the position before, four times in a row at most.
+
+    As fixes they would show a delay; the time offset ran away with them, and no fix was used from then on.
+    """
+    row = figures("multicopter", "RTK", 0.0, 1300, error="held")
+    assert row["position m"] < 0.1
+    assert row["position s"] == row["yaw s"] == row["tilt s"] == 0.0

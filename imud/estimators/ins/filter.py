@@ -12,6 +12,8 @@ from ...math.rotation import euler_of_quat, quat_of_euler, quat_of_gravity
 from ..pending_innovations import move_innovations, store_innovation
 from ..records import GNSS_FIX, POSITION_N
 from ..tuning import Tunable
+from .aiding.gnss_noise import horizontal_sigma
+from .aiding.gnss_time import reset_time_offsets
 from .aiding.source_age import learn_age
 from .alignment.fix_age import is_fix_age_found, learn_fix_age, mean_square_error, use_fix_age
 from .alignment.modes import HEADING_KNOWN, change_mode
@@ -31,7 +33,7 @@ from .fusion_horizon import (
     store_snapshot_if_due,
 )
 from .glr_tests.compass_offset import open_compass_offset
-from .gnss_fix import fuse_gnss, is_usable, set_noise
+from .gnss_fix import find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
 from .mechanization import set_attitude
 from .propagation import store_first_sample
@@ -49,6 +51,13 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable(
         "max_ahead_s", 1.0, "s", "Largest time by which a measurement may be newer than the newest sample.", "Choice."
+    ),
+    Tunable(
+        "lost_time_offset_s",
+        1.5,
+        "s",
+        "Least time offset that is wrong if fixes of that age are no longer stored.",
+        "No receiver is so late.",
     ),
 )
 
@@ -130,7 +139,10 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if found:
         s.last_time_offset = s.fix_age.age
     t_ns, snapshots = fusion_time(s, fix), s.snapshot_count
-    if fix.t_ns < s.last_epoch_ns or too_new or not rewind_to(s, t_ns):
+    usable = fix.t_ns >= s.last_epoch_ns and not too_new
+    if usable and not rewind_to(s, t_ns):
+        t_ns, usable = fix.t_ns, forget_time_offset(p, s, fix)
+    if not usable:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
         use_fix_age(p, c, s.fix_age, fix)
@@ -140,6 +152,22 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     s.aiding_ring[k % AIDING_RING].fix = fix
     remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
     return fuse_from(p, s, k, snapshots, innovations)
+
+
+@kernel
+def forget_time_offset(p: Parameters, s: State, fix: Fix) -> bool:
+    """Of a fix that is older than the fusion horizon: whether only a time offset made it so, which is then forgotten.
+
+    With a time offset beyond the horizon no fix would be used again. Such a one is wrong, and so is what was estimated
+    with it: time offset and heading are found anew, from this fix on.
+    """
+    if s.last_time_offset < p.tuning.lost_time_offset_s or not rewind_to(s, fix.t_ns):
+        return False
+    s.last_time_offset = 0.0
+    set_noise(p, s.core[0], fix, False)
+    reset_time_offsets(p, s.core[0], fix, horizontal_sigma(p, fix))
+    find_heading_anew(p, s.core[0], fix)
+    return True
 
 
 @kernel

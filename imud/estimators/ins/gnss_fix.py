@@ -52,7 +52,7 @@ from .glr_tests.time_offset_step import (
     reset_time_offset_step,
 )
 from .glr_tests.velocity_drift import detect_velocity_drift, explained_by_velocity_drift
-from .integrity.frozen_receiver import position_is_frozen, velocity_is_repeated
+from .integrity.frozen_receiver import position_is_frozen, position_is_repeated, velocity_is_repeated
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
@@ -208,8 +208,10 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     was given, a drift of the receiver, a step of its stamps, a step of the gyro's bias, a wrong heading.
     """
     repeated = velocity_is_repeated(c, fix)
-    if position_is_frozen(p, c, fix):
-        reject_frozen(c)
+    frozen = position_is_frozen(p, c, fix)
+    if frozen or position_is_repeated(p, c):
+        if frozen:
+            reject_frozen(c)
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
         return rows if repeated else fuse_gnss_velocity(p, c, fix, innovations, rows)
     rows = fuse_and_align(p, c, b, fix, age, innovations)

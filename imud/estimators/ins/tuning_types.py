@@ -278,6 +278,7 @@ class Tuning:
     max_returns: float
     max_reject_share: float
     frozen_min_m: float
+    repeated_s: float
     onset_interval_s: float
     min_drift_s: float
     min_drift_fixes: int
@@ -353,6 +354,7 @@ class Tuning:
     accel_window_before_s: float
     accel_window_gate: float
     max_ahead_s: float
+    lost_time_offset_s: float
     heading_sigma: float
     heading_correlation_s: float
     heading_time_sigma: float

@@ -29,6 +29,13 @@ TUNABLES = (
         "Least distance of the estimate that changes the last digit of any receiver's position.",
         "GGA with four decimals of a minute: 0.19 m.",
     ),
+    Tunable(
+        "repeated_s",
+        1.5,
+        "s",
+        "Time for which a repeated position is not used, unless the vehicle is at rest.",
+        "Receivers that report more often than they measure: 1 Hz.",
+    ),
 )
 
 
@@ -52,6 +59,17 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
         sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
         g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
     return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
+
+
+@kernel
+def position_is_repeated(p: Parameters, c: Core) -> bool:
+    """After `position_is_frozen`: whether the position is that of the fix before and says nothing new.
+
+    Some receivers report more often than they measure. Not at rest, where a right position may be the same again; nor
+    for long, as the vehicle may stand without being known to.
+    """
+    unchanged_s = 1e-9 * (c.nav.t_ns - c.integrity.unchanged_since_ns)
+    return bool(c.stationarity.at_rest == 0 and 0.0 < unchanged_s <= p.tuning.repeated_s)
 
 
 @kernel

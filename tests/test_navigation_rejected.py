@@ -5,6 +5,7 @@ After an outage it is as likely to be wrong as the receiver, and what has grown 
 
 import numpy as np
 import pytest
+from accuracy_simulated import figures
 from navigation_runner import fixes_of, navigate, without
 from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_faults import RATE, START, at, data, moved
@@ -107,3 +108,17 @@ def test_a_reset_over_any_distance_ends_at_the_fix():
     assert reset.any()
     assert np.degrees(out["lon"][reset]) == pytest.approx(8.0, abs=1e-2)
     assert np.degrees(out["lat"][reset]) == pytest.approx(47.0, abs=1e-2)
+
+
+def test_multipath_that_ends_is_no_step_of_the_stamps():
+    """A car on a motorway: fixes 35 m beside the way for seconds, then right ones, which looked late by a second."""
+    row = figures("motorway", "RTK", 0.0, 1302, error="multipath")
+    assert row["position s"] < 20.0
+    assert row["position NEES"] < 6.0
+
+
+def test_where_only_the_imu_contradicts_the_positions_it_does_no_longer_than_a_receiver_drifts():
+    """A helicopter whose receiver, of positions alone, seemed to drift after multipath: the IMU was off by 4 km."""
+    row = figures("helicopter", "1 Hz positions", 0.0, 1303, error="multipath")
+    assert row["position m"] < 100.0
+    assert row["velocity m/s"] < 10.0

@@ -18,6 +18,7 @@ from ..ekf import add_covariance, add_variance, decorrelate, inflate, variance
 from ..glr_tests.compass_offset import is_unconfirmed
 from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
 from ..glr_tests.reset import reset_glr_tests
+from ..glr_tests.time_offset_step import reset_time_offset_step
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
 from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
@@ -137,9 +138,22 @@ def reports_velocity(fix: Fix) -> bool:
 
 @kernel
 def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
-    """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity."""
+    """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity.
+
+    A drift that positions alone have shown does only as far as a receiver drifts: beyond, the IMU is off.
+    """
     reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
-    return c.drift.detected != 0 or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
+    by_wheels = c.drift.detected != 0 and c.drift.detected != BY_POSITIONS
+    drifting = by_wheels or (c.drift.detected == BY_POSITIONS and is_as_far_as_a_drift(p, c, p.tuning.reset_s))
+    return drifting or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
+
+
+@kernel
+def is_as_far_as_a_drift(p: Parameters, c: Core, before_s: float) -> bool:
+    """Whether a receiver that drifts since `before_s` before the last fix used may be as far off as the position."""
+    distance = elementary.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
+    outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+    return bool(distance < p.tuning.max_drift_speed * (outage_s + before_s))
 
 
 @kernel
@@ -176,16 +190,13 @@ def bias_free_innovation(c: Core, axis: int) -> float:
 
 
 @kernel
-def drift_is_plausible(p: Parameters, c: Core, fix: Fix, outage_s: float) -> bool:
+def drift_is_plausible(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the rejected positions may be those of a drifting receiver, where only the IMU supports the velocity.
 
     Not where the estimate is new, or was without fixes before: then the estimate is as likely to be wrong.
     """
-    distance = elementary.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
     recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
-    return bool(
-        not reports_velocity(fix) and all_onsets_open(c) and recent and distance < p.tuning.max_drift_speed * outage_s
-    )
+    return bool(not reports_velocity(fix) and all_onsets_open(c) and recent and is_as_far_as_a_drift(p, c, 0.0))
 
 
 @kernel
@@ -320,6 +331,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         g.reject_count[HORIZONTAL] += 1
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
+        if g.reject_count[HORIZONTAL] > p.tuning.reset_count:
+            reset_time_offset_step(c)  # whose errors ended by themselves had right stamps
         clear_detection(c)
         clear_rejection(c)
         if was_coasting(p, c, outage_s):
@@ -339,7 +352,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
     longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
-    if (supported or drift_is_plausible(p, c, fix, outage_s)) and not consistent and outage_s < longest_s:
+    if (supported or drift_is_plausible(p, c, fix)) and not consistent and outage_s < longest_s:
         return False
     if not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
         inflate_to_fix(c, nis)

@@ -40,12 +40,13 @@ from replay_in_process import new_filter, replay, smoothed_solutions
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 
 FIXES = {  # recording: its fixes
-    "ixr-0412": ("rtk1", "receiver_like", "nmea_grade"),
-    "rtkx-drive": ("rtk1", "receiver_like", "nmea_grade"),
-    "dtu-ugv4": ("rtk1", "receiver_like", "nmea_grade"),
+    "ixr-0412": ("rtk1", "rtk1_live", "receiver_like", "nmea_grade"),
+    "rtkx-drive": ("rtk1", "rtk1_live", "receiver_like", "nmea_grade"),
+    "dtu-ugv4": ("rtk1", "rtk1_live", "receiver_like", "nmea_grade"),
     "umn-thor75": ("ned", "nmea"),
     "apm-quad106": ("ned", "nmea", "nmea_1hz"),
 }
+LIVE, LIVE_S = "_live", 0.1  # fixes as of a receiver at work: they arrive after their epoch, a survey's do not
 FAULT_S = 30.0  # how long a passing fault lasts
 RAMP_S = 60.0
 LIMIT_M, LIMIT_DEG, LIMIT_SIGMA = 5.0, 5.0, 4.0
@@ -140,7 +141,9 @@ def recording(name, grade):
     """(samples, fixes, reference, meta, when a fault begins: in motion, about the middle)."""
     folder = SHARED / "navigation" / name
     meta = json.loads((folder / "meta.json").read_text())
-    samples, fixes = load(folder, grade)
+    samples, fixes = load(folder, grade.removesuffix(LIVE))
+    if grade.endswith(LIVE):
+        fixes["arrival_ns"] += int(1e9 * LIVE_S)
     truth = truth_of(folder)
     t, speed = truth[:, 0], np.hypot(truth[:, 4], truth[:, 5])
     start = meta.get("score_from", t[0] + 60.0)
@@ -195,7 +198,7 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths, smooth):
     flown = (t >= meta.get("score_from", t[0] + 60.0 + 100.0 * (name[:3] == "ixr"))) & (
         t <= meta.get("score_to", t[-1])
     )
-    fresh = flown if fault else flown & score.steady(t, str(SHARED / "navigation" / name / f"gnss_{grade}.csv"))
+    fresh = flown if fault else flown & score.steady(t, str(SHARED / "navigation" / name / f"gnss_{grade.removesuffix(LIVE)}.csv"))
     away, sigmas = horizontal(d[:, :2], sigma[:, :2])
     row_s = np.minimum(np.diff(t, prepend=t[0]), 1.1)
     angle, angle_sigmas = np.abs(d[:, 6:9]), np.abs(d[:, 6:9]) / sigma[:, 6:9]

@@ -198,7 +198,11 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths, smooth):
     flown = (t >= meta.get("score_from", t[0] + 60.0 + 100.0 * (name[:3] == "ixr"))) & (
         t <= meta.get("score_to", t[-1])
     )
-    fresh = flown if fault else flown & score.steady(t, str(SHARED / "navigation" / name / f"gnss_{grade.removesuffix(LIVE)}.csv"))
+    fresh = (
+        flown
+        if fault
+        else flown & score.steady(t, str(SHARED / "navigation" / name / f"gnss_{grade.removesuffix(LIVE)}.csv"))
+    )
     away, sigmas = horizontal(d[:, :2], sigma[:, :2])
     row_s = np.minimum(np.diff(t, prepend=t[0]), 1.1)
     angle, angle_sigmas = np.abs(d[:, 6:9]), np.abs(d[:, 6:9]) / sigma[:, 6:9]

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 from navigation_runner import navigate, settings_of
-from navigation_simulation import Later, drive, errors, received, sensed
+from navigation_simulation import Later, drive, errors, moved, received, sensed
 from replay_in_process import new_filter
+from scipy.spatial.transform import Rotation
 
 from imud.batch import play
 from imud.estimators.ins.state import NEVER_NS
 from imud.estimators.records import HEADING_VALID
 
-RATE, BEGIN_S = 100, 90.0
+RATE, BEGIN_S, STOP_S = 100, 90.0, 90.0
 DRIVES = {speed: Later(drive, 150.0, speed=speed) for speed in (12.0, 3.0)}
 OFF = 1e9
 WARM = {"warm_up_share": 0.0}
@@ -115,3 +116,22 @@ def test_a_step_that_is_found_opens_the_biases_of_all_axes():
     k = int(BEGIN_S * RATE) + np.argmax(opened[int(BEGIN_S * RATE) :, 2])
     assert (np.degrees(out["sigma_bg"][k + 1]) > 0.1).all()
     assert (np.degrees(out["sigma_bg"][k]) < 0.1).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_step_before_a_stop_leaves_a_heading_that_is_less_sure_and_not_none(seed):
+    """A robot stands still soon after a step. A rate at rest that contradicts the bias replaces it."""
+    rng, t = np.random.default_rng(seed), np.arange(150 * RATE) / RATE
+    speed = 1.4 * np.clip((t - 10.0) / 2.0, 0.0, 1.0) * np.clip((STOP_S - t) / 2.0, 0.0, 1.0)
+    yaw = 0.5 + np.cumsum(0.5 * speed * np.sin(0.4 * t)) / RATE
+    v = np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), 0.0 * t])
+    d = moved(t, v, Rotation.from_euler("z", yaw[:, None]))
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1, sigma=0.5)
+    samples["w"][t >= STOP_S - 12.0, 2] += np.radians(0.4)
+    out = navigate(samples, fixes)[0]
+    yaw_error, sigma = np.abs(errors(d, out)[2][:, 2]), out["sigma_rpy"][:, 2]
+    later = t > STOP_S - 12.0
+    assert (out["status"][later] & HEADING_VALID > 0).all()
+    assert yaw_error[-1] < 3.0 * sigma[-1]
+    assert np.degrees(yaw_error[-1]) < 12.0
+    assert np.degrees(out["bg"][-1, 2]) == pytest.approx(0.4, abs=0.05)

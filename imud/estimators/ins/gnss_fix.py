@@ -43,6 +43,7 @@ from .glr_tests.gyro_bias_step import (
     counts_positions,
     detect_gyro_bias_step,
     explained_by_gyro_bias_step,
+    interrupt_gyro_bias_step,
     reset_gyro_bias_step,
 )
 from .glr_tests.lever_arm_error import detect_lever_arm_error, explained_by_lever_arm_error, reset_lever_arm_error
@@ -173,8 +174,11 @@ def check_time_offset(p: Parameters, c: Core) -> None:
 @kernel
 def check_gyro_bias(p: Parameters, c: Core) -> None:
     """Whether the gyro's bias has stepped; a compass shows such a turn by itself."""
-    if c.time_offset_step.onset_ns == NEVER_NS or has_compass(p, c):
+    if has_compass(p, c):
         reset_gyro_bias_step(c)
+        return
+    if c.time_offset_step.onset_ns == NEVER_NS:
+        interrupt_gyro_bias_step(c)
         return
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
     if counts_positions(p, c):

@@ -19,7 +19,7 @@ from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
 from .aiding.zero_velocity import fuse_rest
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
-from .alignment.velocity_pairs import flag_heading, is_levelled
+from .alignment.velocity_pairs import is_levelled
 from .bias_changes import add_bias_changes
 from .damaged_readings import inflate_covariance, substitute_missing
 from .fusion import propagate_errors
@@ -55,8 +55,8 @@ def end_window(p: Parameters, c: Core) -> None:
     judge_rest_gap(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
-    if at_rest and fuse_rest(p, c):
-        flag_heading(p, c)
+    if at_rest:
+        fuse_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         if c.gnss.fix_count > 0 and c.alignment.heading_sigma > 0.0 and is_levelled(p, c):
             change_mode(p, c, HEADING_KNOWN)

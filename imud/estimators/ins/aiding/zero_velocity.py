@@ -107,7 +107,7 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
             if not replaces:
                 continue
             decorrelate(c, GYRO_BIAS + i, z * z)
-            turn2 += (z * p.tuning.bias_contradiction_windows * s.duration) ** 2
+            turn2 += (z * s.low_motion_count * s.duration) ** 2
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)
     correct_state(p, c)
     if turn2 > 0.0:

@@ -25,6 +25,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from imud.drivers import elementary
+
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_variance
@@ -74,11 +76,17 @@ TUNABLES = (
 
 
 @kernel
+def interrupt_gyro_bias_step(c: Core) -> None:
+    """Forget the onsets, but not what a likely step has done to the heading."""
+    for j in range(GYRO_BIAS_ONSETS):
+        c.gyro_bias_step.onset_ns[j] = NEVER_NS
+
+
+@kernel
 def reset_gyro_bias_step(c: Core) -> None:
     """Forget the onsets: the estimate is new."""
     c.gyro_bias_step.heading_variance = 0.0
-    for j in range(GYRO_BIAS_ONSETS):
-        c.gyro_bias_step.onset_ns[j] = NEVER_NS
+    interrupt_gyro_bias_step(c)
 
 
 @kernel
@@ -159,9 +167,13 @@ def chi2_of(p: Parameters, c: Core, j: int) -> float:
 
 @kernel
 def most_likely_onset(p: Parameters, c: Core) -> int:
-    """The onset whose step has the largest chi-square; stores what the likely steps add to the heading's variance."""
+    """The onset whose step has the largest chi-square; stores what the likely steps add to the heading's variance.
+
+    While the vehicle stands nothing shows its heading: what a likely step has done to it before stays.
+    """
     g, best, most = c.gyro_bias_step, 0, 0.0
-    g.heading_variance = 0.0
+    stands = elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) < p.tuning.rest_speed
+    g.heading_variance = g.heading_variance if stands else 0.0
     for j in range(GYRO_BIAS_ONSETS):
         chi2 = chi2_of(p, c, j)
         if chi2 > p.tuning.likely_gyro_bias_step_chi2:

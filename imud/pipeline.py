@@ -36,6 +36,12 @@ _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NO_INDEX, _BEFORE_FIRST = (
 )
 
 
+_RESTARTED = (
+    "the filter was started anew ({} times): a variance had become negative, by an error of imud: please report it, "
+    "with a recording"
+)
+
+
 @dataclasses.dataclass(frozen=True)
 class Stored:
     """What an earlier run of the program has left of a sensor's filter."""
@@ -75,6 +81,7 @@ class Filter:
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
         self._innovations = innovation_buffer(1)
+        self.restarts = 0  # of a state that was not valid
 
     def _keep_beginning(self) -> None:
         """Of a filter whose run can be repeated with a record of its errors: the state before the first sample."""
@@ -117,8 +124,10 @@ class Filter:
             digest = self._digest(kind)
             if stored.checkpoint[: len(digest)] == digest and len(stored.checkpoint) == len(digest) + kind.itemsize:
                 self.estimator.resume(self.state, np.frombuffer(stored.checkpoint, kind, offset=len(digest)))
-                self._keep_beginning()
-                return True
+                if self._is_valid():
+                    self._keep_beginning()
+                    return True
+                self.state[:] = self.estimator.start(self.parameters, Initial())
         if stored.biases is not None:
             self.restore_biases(stored.biases)
         return False
@@ -155,7 +164,7 @@ class Filter:
         Fix i of `fixes` (FIX) is fused before sample fix_before[i] (int64, ascending), measurement i of `measurements`
         (MEASUREMENT) before sample measurement_before[i], and before the fixes there; one that is `needing_place` must
         be before sample 0. Fills `innovations`, an `innovation_buffer`: for each those pending until then, and its own.
-        Returns the filled part. Raises as `aid`.
+        Returns the filled part. A state that is not valid afterwards is started anew. Raises as `aid`.
         """
         if len(measurements):
             measurements = self._prepared(measurements)
@@ -172,7 +181,13 @@ class Filter:
             measurement_before,
             innovations,
         )
+        if len(fixes) and not self._is_valid():
+            self.state[:] = self.estimator.start(self.parameters, Initial())
+            self.restarts += 1
         return innovations[:n]
+
+    def _is_valid(self) -> bool:
+        return self.estimator.is_valid is None or self.estimator.is_valid(self.state)
 
     def run(self, samples: Records, out: Records) -> None:
         """Step through `samples` (SAMPLE, turned to body axes in place), one solution each into `out` (SOLUTION)."""
@@ -254,7 +269,8 @@ class Filter:
     def findings(self) -> tuple[str, ...]:
         """What the estimator has found that contradicts the settings, in words."""
         read = self.estimator.findings
-        return () if read is None else read(self.parameters, self.state)
+        found = () if read is None else read(self.parameters, self.state)
+        return (*found, _RESTARTED.format(self.restarts)) if self.restarts else found
 
 
 class InertialPipeline:

@@ -27,7 +27,7 @@ from .filter import aid, pending_innovations, step, update
 from .filter_states import attitude, filter_states
 from .findings import findings
 from .parameters import TUNABLES, configure
-from .setup import backward_tuning, fix_delay_s, place, restore_biases, source_ages_s, start, variances
+from .setup import backward_tuning, fix_delay_s, is_valid, place, restore_biases, source_ages_s, start, variances
 from .source_estimates import source_estimates
 from .sources import SOURCES
 
@@ -42,6 +42,7 @@ ESTIMATOR = Estimator(
     survives_power_on=True,
     aid=aid,
     sources=SOURCES,
+    is_valid=is_valid,
     restore_biases=restore_biases,
     checkpoint=checkpoint,
     resume=resume,

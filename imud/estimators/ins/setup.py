@@ -230,6 +230,14 @@ def variances(state: Records) -> tuple[float, float, float, float] | None:
     return north + east, down, v_north + v_east, heading
 
 
+_DIAGONAL = [interpreted(packed_index)(STATES, i, i) for i in range(STATES)]
+
+
+def is_valid(state: Records) -> bool:
+    """See `Estimator`: no variance is negative or not a number."""
+    return bool((state["core"][0, 0]["cov"]["P"][_DIAGONAL] >= 0.0).all())
+
+
 def restore_biases(state: Records, biases: Biases) -> None:
     """Before the first sample: begin with these biases."""
     c = state["core"][0, 0]

@@ -89,7 +89,7 @@ def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> 
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
-        position_known = not is_alternating(p, c)
+        position_known = not is_alternating(p, c) and math.isfinite(sigma_down)
         if position_known:
             bits |= POSITION_VALID
         if position_known and sigma_down < 0.5 * p.tuning.unknown_height:

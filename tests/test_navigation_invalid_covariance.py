@@ -1,4 +1,4 @@
-"""A variance that is negative or no number, by an error of imud, ends no run: the filter is started anew, and says so."""
+"""A variance that is negative or no number ends no run: the filter is started anew, and says so."""
 
 import numpy as np
 import pytest

@@ -6,7 +6,6 @@ All recordings run on a library in which gcc counts the lines, by the `#line` di
 import ast
 import functools
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -16,13 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from golden import CLASSES
+from same_bits import digests
 
 import imud.estimators
 from imud.compile import build
 
 FOLDER = Path(imud.estimators.__file__).resolve().parent
 TESTS = Path(__file__).resolve().parent
-RUN = "import sys, golden, golden_run; [golden_run.run(golden.recording(name)) for name in sys.argv[1:]]"
 LEAST_PERCENT = 97.0
 NOT_RUN = {  # a function and its line, or all of a function: why no trace runs it
     "update_measurements: pitch, roll = x[PITCH], x[ROLL]": "Suh's filters as printed are the experiments' alone",
@@ -76,14 +75,16 @@ def line_of(path, number):
 
 
 def counts(names=tuple(CLASSES)):
-    """How often each line was run by these golden traces. Raises CannotBuildError where gcc or gcov is missing."""
+    """How often each line was run by these golden traces; the digest of each, as of `same_bits.py`.
+
+    Raises CannotBuildError where gcc or gcov is missing.
+    """
     if shutil.which("gcc") is None or shutil.which("gcov") is None:
         raise build.CannotBuildError("lines are counted by gcc and gcov")
     with tempfile.TemporaryDirectory() as folder:
         made = str(Path(folder, "kernels.so"))
         subprocess.run([sys.executable, "-m", "imud.compile", made, "--coverage"], check=True, cwd=TESTS.parent)
-        environment = {**os.environ, "IMUD_KERNELS": made}  # the counts are written as the process ends
-        subprocess.run([sys.executable, "-c", RUN, *names], check=True, cwd=TESTS, env=environment)
+        printed = digests(names, IMUD_KERNELS=made)  # the counts are written as the process ends
         command = ["gcov", "--json-format", "--stdout", str(next(Path(folder).glob("*.gcda")))]
         said = json.loads(subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout)
     counted = Counter()
@@ -91,7 +92,7 @@ def counts(names=tuple(CLASSES)):
         path = Path(file["file"])
         for line in file["lines"] if path.is_relative_to(FOLDER) else ():
             counted[line_of(path, line["line_number"])] += line["count"]
-    return counted
+    return counted, dict(zip(printed[1::2], printed[::2], strict=True))
 
 
 def percent(counted):
@@ -121,6 +122,6 @@ def report(counted):
 
 
 if __name__ == "__main__":
-    counted = counts()
+    counted, _ = counts()
     print("\n".join(report(counted)))
     print(f"{percent(counted):.1f} % of {len(counted)} lines")

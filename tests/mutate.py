@@ -14,7 +14,7 @@ import sys
 from dataclasses import dataclass
 
 import msgspec
-from golden import CLASSES, differences, read, recording, traced
+from golden import CLASSES, differences, read, traced
 from golden_run import Recording
 
 from imud.estimators import registry
@@ -120,6 +120,15 @@ NOT_NOTICED = {
     "navigation.heading_turn_memory": "headings that do not turn are found within few intervals, in all recordings",
 }
 
+EARLY = {  # between them these notice what test_mutate.py tries; each of the others notices less
+    *("navigation-rest-gaps", "navigation-odometer-and-compass", "navigation-graded-drifts-under-way"),
+    *("navigation-pose-of-a-map-that-is-turned", "navigation-compass-and-a-wrong-lever-arm", "navigation-late-stamps"),
+    *("navigation-slow-drift-against-velocity-that-lasts", "navigation-no-velocity", "navigation-odometer"),
+    *("navigation-overconfident-receiver", "navigation-odometer-against-a-drift", "attitude-start-in-a-steady-turn"),
+    *("navigation-compass-mounted-wrong-without-boresight", "navigation-barometer-of-another-height"),
+    "attitude-gaps-of-about-a-second",
+}
+
 
 @dataclass(frozen=True)
 class Mutant:
@@ -159,17 +168,15 @@ def mutants(beginnings=("",)) -> list[Mutant]:
 
 
 class Search:
-    """Looks for a golden trace that differs; those that did for the last mutants come first."""
+    """Looks for a golden trace that differs; those that did for the last mutants come first, then the EARLY ones."""
 
     def __init__(self) -> None:
-        self._order = list(CLASSES)
+        self._order = sorted(CLASSES, key=lambda name: name not in EARLY)
 
     def noticed_by(self, mutant: Mutant) -> str | None:
         """The name of a golden trace that the change moves; None: it moves none."""
         for name in self._order:
-            if recording(name).estimator == mutant.estimator and differences(
-                _golden(name), traced(name, mutant.applied)
-            ):
+            if name.startswith(mutant.estimator) and differences(_golden(name), traced(name, mutant.applied)):
                 self._order.remove(name)
                 self._order.insert(0, name)
                 return name

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Settings
 from imud.daemon.spares import Spares
-from imud.drivers.sample import SAMPLE
+from imud.drivers.sample import SAMPLE, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
-from imud.sensors.comparison import SensorComparison
+from imud.sensors.comparison import Sensor, SensorComparison
 
 RATE, SECONDS = 100, 40.0
 MOTIONS = {
@@ -166,6 +166,21 @@ def test_one_that_left_is_not_compared_any_more():
     assert comparison.verdicts
     comparison.leave("b")
     assert not comparison.verdicts
+
+
+@pytest.mark.parametrize("block", [1, 7, 20, 100, 350])
+def test_means_are_of_the_sound_samples_of_each_whole_second_in_whatever_blocks_they_come(block):
+    samples = sensed(simulate(5.0, RATE), "m-g350", 1)
+    samples["flags"][[3, 140, 199, 200, 377]] = SUSPECT
+    samples["w"][samples["flags"] == SUSPECT] = np.nan
+    sensor = Sensor(PROFILES["m-g350"], True, 0.0)
+    for begin in range(0, len(samples), block):
+        sensor.add(samples[begin : begin + block])
+    assert sorted(sensor.means) == [0, 1, 2, 3]  # the last second has not ended
+    for number, means in sensor.means.items():
+        rows = samples[number * RATE : (number + 1) * RATE]
+        sound = rows[rows["flags"] != SUSPECT]
+        np.testing.assert_allclose(means.mean, np.hstack([sound["w"], sound["f"]]).mean(axis=0), rtol=1e-12)
 
 
 class Port:

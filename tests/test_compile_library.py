@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import pytest
 from processes import OBEYING
+from same_bits import LARGER, digests
 
 from imud.compile import __main__ as translation
 from imud.compile import build, levels, library, rebuild, seal
@@ -198,6 +199,11 @@ def test_a_library_for_this_machine_has_the_kernels_of_its_level_only(built):
     level = levels.of_processor()[0].encode()
     assert len(symbols) > 20
     assert all(symbol.endswith(b"_avx2") == (level == b"_avx2") for symbol in symbols)
+
+
+@pytest.mark.thorough
+def test_without_optimisation_the_bits_are_the_same(built):
+    assert digests(LARGER, IMUD_KERNELS=str(built)) == digests(LARGER)
 
 
 TINY = "#ifndef EXPORTED\n#define EXPORTED(name) name\n#endif\nlong EXPORTED(imud_%s)(void) { return 1; }\n"

@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 import gpxpy
 import msgspec
 import numpy as np
-import polars
 import pytest
 from emulated import REST
 from emulated_recording import record
@@ -86,6 +85,8 @@ def test_progress_ends_at_the_end_of_the_file(tmp_path, monkeypatch, command):
 @pytest.mark.thorough
 @pytest.mark.parametrize("group_rows", [100, 100_000])
 def test_parquet_files_have_the_numbers_of_the_csv_files(tmp_path, monkeypatch, group_rows):
+    import polars  # takes half a second, of each worker
+
     monkeypatch.setattr(export.parquet_folder, "GROUP_ROWS", group_rows)
     recording, folders = tmp_path / "still.mcap", {"csv": tmp_path / "csv", "parquet": tmp_path / "parquet"}
     record(recording, REST, 4.0)
@@ -128,6 +129,8 @@ def of_sources():
 
 def test_a_replay_of_the_exported_tables_fuses_the_same_measurements(tmp_path):
     """So that a recording of any source can be worked on elsewhere."""
+    import polars  # takes half a second, of each worker
+
     recording, folder, rows = tmp_path / "still.mcap", tmp_path / "csv", of_sources()
     record(recording, REST, 14.0, settings=b'{"estimator": "navigation"}', aiding=rows)
     folder.mkdir()

@@ -13,12 +13,9 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
-import polars
 import pytest
 from processes import TIMEOUT_S, daemon, emulator, process
 from recorded import reads_of, stored
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from imud.commands.replay import recordings
 from imud.configuration.settings import Initial
@@ -204,6 +201,9 @@ def test_files_of_a_name_are_distinguished_by_their_folders():
 
 @pytest.mark.thorough
 def test_the_export_is_what_replay_takes_and_what_ros_reads(recorded, tmp_path):
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     ros = tmp_path / "ros.mcap"
     done = command("export", recorded, "--csv", tmp_path, "--ros2", ros)
     assert done.returncode == 0, done.stderr
@@ -299,6 +299,8 @@ def test_a_replay_writes_the_recorded_innovations_and_takes_another_calibration(
 
 @pytest.mark.thorough
 def test_what_the_filter_estimates_beside_its_solution_is_recorded_once_a_second(recorded, tmp_path):
+    import polars  # takes half a second, of each worker
+
     states = states_rows([entry.data for entry in Capture(recorded) if entry.topic == "/states"])
     estimates = {int(row["t_ns"]): row for row in stored(recorded, ESTIMATE_TABLE)}
     seconds = np.ptp(list(estimates)) * 1e-9

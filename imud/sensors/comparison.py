@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imud.drivers.sample import NO_FORCE, NO_RATE, SATURATED, SUSPECT
+from imud.drivers.sample import NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
 
 from ..math.arrays import Floats, Records
 from ..math.earth import STANDARD_GRAVITY
@@ -62,33 +62,36 @@ class Sensor:
     mounting_sigma: float
     means: dict[int, Means] = field(default_factory=dict)  # by number of the window
     _number: int = -1
-    _rows: list[Floats] = field(default_factory=list)
-    _times: list[int] = field(default_factory=list)
+    _blocks: list[bytes] = field(default_factory=list)  # samples of this window
 
     def add(self, samples: Records) -> None:
         """Samples (SAMPLE) in body axes, in order."""
+        times = samples["t_ns"]
+        if len(times) and times.item(0) // WINDOW_NS == self._number == times.item(-1) // WINDOW_NS:  # nearly always
+            self._blocks.append(samples.tobytes())  # copied much faster than fields are
+            return
         sound = samples[samples["flags"] & SUSPECT == 0]
         numbers = sound["t_ns"] // WINDOW_NS
         for number in sorted(set(numbers.tolist())):
             if number != self._number:
                 self._finish()
                 self._number = number
-            rows = sound[numbers == number]
+            self._blocks.append(sound[numbers == number].tobytes())
+
+    def _finish(self) -> None:
+        rows = np.frombuffer(b"".join(self._blocks), SAMPLE)
+        rows = rows[rows["flags"] & SUSPECT == 0]
+        if len(rows) and int(rows["t_ns"][-1] - rows["t_ns"][0]) > WHOLE * WINDOW_NS:
             readings = np.hstack([rows["w"], rows["f"]])
             if not self.has_gyros:
                 readings[:, :3] = 0.0
             readings[rows["flags"] & _UNFIT != 0] = np.nan
-            self._rows.append(readings)
-            self._times += (int(rows["t_ns"][0]), int(rows["t_ns"][-1]))
-
-    def _finish(self) -> None:
-        whole = bool(self._times) and self._times[-1] - self._times[0] > WHOLE * WINDOW_NS
-        if whole and np.isfinite(rows := np.concatenate(self._rows)).all():
-            self.means[self._number] = Means(rows.mean(axis=0), rows.std(axis=0), self._swept(rows[:, :3]))
+            if np.isfinite(readings).all():
+                mean, spread = readings.mean(axis=0), readings.std(axis=0)
+                self.means[self._number] = Means(mean, spread, self._swept(readings[:, :3]))
         for old in [number for number in self.means if number < self._number - 2 * LASTING]:
             del self.means[old]
-        self._rows.clear()
-        self._times.clear()
+        self._blocks.clear()
 
     def _swept(self, rates: Floats) -> float:
         if not self.has_gyros:
@@ -155,17 +158,16 @@ class Pair:
         variance[3:] += (LEVER_ARM_M * swept) ** 2 if math.isfinite(swept) else 0.0
         axes = [_AXES[group] for group in self._lasted]
         self._rotation.add([(a.mean[axis], b.mean[axis], float(variance[axis].max())) for axis in axes])
-        differs = np.zeros(6, bool)
-        for i in range(6):
-            row = np.concatenate([[1.0], a.mean[:3] if i < 3 else a.mean[3:]])
-            self._cov[i, 0, 0] += self._walk2[i]
-            cross = self._cov[i] @ row
-            total = float(row @ cross) + float(variance[i])
-            innovation = float(b.mean[i] - a.mean[i] - row @ self._state[i])
-            differs[i] = innovation**2 > SIGMAS**2 * total
-            if not differs[i]:
-                self._state[i] += cross * (innovation / total)
-                self._cov[i] -= np.outer(cross, cross) / total
+        rows = np.ones((6, 4))  # what bias and slopes of each axis are multiplied by
+        rows[:3, 1:], rows[3:, 1:] = a.mean[:3], a.mean[3:]
+        self._cov[:, 0, 0] += self._walk2
+        cross = (self._cov @ rows[:, :, None])[:, :, 0]
+        total = (rows * cross).sum(axis=1) + variance
+        innovation = b.mean - a.mean - (rows * self._state).sum(axis=1)
+        differs = innovation**2 > SIGMAS**2 * total
+        gain = np.where(differs, 0.0, 1.0 / total)[:, None]
+        self._state += cross * innovation[:, None] * gain
+        self._cov -= cross[:, :, None] * cross[:, None, :] * gain[:, :, None]
         if not any(differs[axis].any() for axis in axes) and (now := self._rotation.solve(self._mounting_sigma)):
             self.possible = better_known(self.possible, now)
         found = [each.contradicted_by_gravity(number) for each in self.sensors.values()]

@@ -79,9 +79,11 @@ class Body:
 
     def _statement(self, node: ast.stmt, depth: int) -> None:
         """One statement. Raises UnsupportedError."""
+        if isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            return
+        if self._file is not None:  # no optimization removes it, or merges it with that of another line
+            self._put(depth, '__asm__ volatile ("");')
         match node:
-            case ast.Expr(value=ast.Constant()) | ast.Pass():
-                pass
             case ast.Expr():
                 self._put(depth, f"{self._of.text(node.value)};")
             case ast.Break():

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from navigation_runner import euler_deg
-from navigation_simulation import errors, received, sensed
+from navigation_simulation import drive, errors, received, sensed
 from replay_in_process import new_filter, replay
 from scipy.spatial.transform import Rotation
 from vehicle_simulation import RATE, vehicle
 
-from imud.configuration.settings import Imu, Initial, Settings
+from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.drivers.sample import RECONNECTED
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, NHC_LATERAL, POSITION_VALID
 from imud.sensor_errors.profiles import PROFILES
 
 PROFILE, SETTINGS = PROFILES["m-g350"], Settings(imu=Imu(profile="m-g350"))
@@ -79,3 +79,17 @@ def test_a_sensor_turned_about_the_vertical_is_seldom_wrong_and_sure():
             valid = (out["status"] & HEADING_VALID) != 0
             wrong += (valid & (np.abs(yaw) > np.maximum(4.0 * np.degrees(out["sigma_rpy"][:, 2]), 5.0))).sum() / RATE
     assert wrong < 15.0  # of 150 s
+
+
+@pytest.mark.parametrize(("speed", "waits"), [(1.5, False), (12.0, True)])
+def test_the_constraint_waits_for_a_course_only_where_that_would_give_the_heading(speed, waits):
+    """At a walk it waited, too: for up to two seconds nothing held the velocity, and no course was used."""
+    d, rng, off, on = drive(60.0, speed=speed, swing=0.0), np.random.default_rng(2), 5000, 5300
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.1, sigma=1.2)
+    samples["flags"][on] |= RECONNECTED
+    settings = Settings(navigation=Navigation(vehicle="land"))
+    fixes = fixes[fixes["arrival_ns"] < samples["t_ns"][off]]
+    _, rows = replay(new_filter("navigation", samples, settings), np.delete(samples, slice(off, on)), fixes)
+    after = rows["t_ns"][rows["kind"] == NHC_LATERAL]
+    first_s = 1e-9 * (after[after > samples["t_ns"][on]][0] - samples["t_ns"][on])
+    assert (first_s > 1.9) == waits and (first_s < 0.2) != waits

@@ -38,7 +38,6 @@ from .noise_density import accelerometer_psd, attitude_psd, velocity_psd
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
-    ATTITUDE_NOISE,
     COARSE_ALIGNMENT,
     GNSS_BIAS,
     GNSS_VELOCITY_BIAS,
@@ -79,13 +78,6 @@ TUNABLES = (
         "s",
         "Time constant of the correlated error of a GNSS velocity.",
         "The same receivers.",
-    ),
-    Tunable(
-        "vibration_gyro_bias_s",
-        200.0,
-        "s",
-        "Averaging time at which what vibration adds to a gyro is no longer white: it changes the bias, too.",
-        "Multicopters.",
     ),
     Tunable(
         "vibration_bias_walk",
@@ -280,10 +272,6 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
     turn_rate = C_nb[6] * c.imu.rate_b[0] + C_nb[7] * c.imu.rate_b[1] + C_nb[8] * c.imu.rate_b[2]
     qa, decay = attitude_psd(p, c, turn_rate), transition.gnss_bias_decay
     transition.velocity_psd, transition.attitude_psd = qv, qa
-    qb = (
-        p.gyro_bias_psd
-        + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.vibration_level / p.tuning.vibration_gyro_bias_s**2
-    )
     velocity_decay = transition.gnss_velocity_bias_decay
     scale3(P, STATES, GNSS_BIAS, decay)
     scale3(P, STATES, GNSS_VELOCITY_BIAS, velocity_decay)
@@ -297,7 +285,7 @@ def propagate_covariance(p: Parameters, c: Core, transition: Transition) -> None
         )
         add_variance(c, VELOCITY + i, qv * dt)
         add_variance(c, ATTITUDE + i, qa * dt)
-        add_variance(c, GYRO_BIAS + i, qb * dt)
+        add_variance(c, GYRO_BIAS + i, p.gyro_bias_psd * dt)
         add_variance(
             c,
             ACCEL_BIAS + i,

@@ -148,9 +148,9 @@ def extrapolate_gap(
 
 
 @kernel
-def require_heading_confirmation(c: Core) -> None:
+def require_heading_confirmation(p: Parameters, c: Core) -> None:
     """After a long gap under way motion has to confirm the heading; a land vehicle's is that of its next course."""
-    wait_for_course(c)
+    wait_for_course(p, c)
     if c.alignment.mode == NAVIGATING and not c.stationarity.at_rest:
         open_compass_offset(c, True)
 
@@ -198,4 +198,4 @@ def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
             add_gap_variance(c, variances[0], variances[1], variances[2])
     store_last_sample(c, t_ns, w, f)
     if dt > p.tuning.max_gyro_outage_s:
-        require_heading_confirmation(c)
+        require_heading_confirmation(p, c)

@@ -8,7 +8,6 @@ class Tuning:
     gnss_bias_time_s: float
     gnss_velocity_bias_sigma: float
     gnss_velocity_bias_time_s: float
-    vibration_gyro_bias_s: float
     vibration_bias_walk: float
     mount_psd: float
     nhc_lever_arm_psd: float
@@ -100,16 +99,15 @@ class Tuning:
     max_velocity_sigma: float
     noise_gain: float
     second_order_heading: float
-    gnss_lever_arm_sigma: float
     time_offset_floor: float
     constant_error_share: float
     unset_lever_arm_sigma: float
     set_lever_arm_sigma: float
+    gnss_lever_arm_sigma: float
     lever_arm_odds: float
     bias_free_gate: float
     offset_velocity_gate: float
     late_fix_accel: float
-    turn_between_fixes_s: float
     min_course_speed: float
     gnss_velocity_gate: float
     gnss_position_gate: float

@@ -2,7 +2,7 @@
 
 In the gap the vehicle may have turned by any angle, for which a linear update is wrong: its velocity is along its
 forward axis, so the heading is the course less the direction of that axis in the body. The constraint, which would be
-fused before the fix, waits for it. At a low speed, and without a velocity, both go on as they are.
+fused before the fix, waits for it. At a low speed both go on as they are.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ TUNABLES = (
 
 
 @kernel
-def wait_for_course(c: Core) -> None:
-    """After a gap: the constraint waits for a fix."""
-    c.nhc.waits_since_ns = c.nav.t_ns
+def wait_for_course(p: Parameters, c: Core) -> None:
+    """After a gap: the constraint waits for a fix, if the vehicle is fast enough for its course to give the heading."""
+    if elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.least_course_speed:
+        c.nhc.waits_since_ns = c.nav.t_ns
 
 
 @kernel

@@ -78,7 +78,6 @@ TUNABLES = (
         "Error of the linear model per heading variance; also m/s/rad^2.",
         "Simulated starts.",
     ),
-    Tunable("gnss_lever_arm_sigma", 0.03, "m", "Error of a lever arm measured with a ruler.", "A ruler."),
     Tunable(
         "time_offset_floor",
         0.01,
@@ -163,13 +162,6 @@ def learn_velocity_noise(p: Parameters, c: Core, nis: float) -> None:
 def second_order_error(p: Parameters, c: Core) -> float:
     """Error of the linear model by an uncertain heading: m of a position, m/s of a velocity."""
     return float(p.tuning.second_order_heading * variance(c, ATTITUDE + 2)) if c.alignment.mode == NAVIGATING else 0.0
-
-
-@kernel
-def lever_arm_rate_variance(p: Parameters, c: Core) -> float:
-    """Variance of the antenna's velocity, m^2/s^2, by the error of the lever arm at the present rate."""
-    w = c.imu.rate_b
-    return float(p.tuning.gnss_lever_arm_sigma**2 * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2))
 
 
 @kernel

@@ -35,7 +35,6 @@ from ..state import (
 from .gnss_gate import estimate_may_be_wrong, gate_height, gate_position, set_rejecting, split_excess
 from .gnss_noise import (
     learn_position_noise,
-    lever_arm_rate_variance,
     limit_position_confidence,
     mark_used,
     second_order_error,
@@ -64,9 +63,6 @@ TUNABLES = (
         "Three sigma.",
     ),
     Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed from a fix to its fusion.", "Choice."),
-    Tunable(
-        "turn_between_fixes_s", 1.0, "s", "Time over which an error of the lever arm acts in a turn.", "1 Hz receivers."
-    ),
 )
 
 
@@ -151,7 +147,6 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     if c.alignment.mode == NAVIGATING:  # in coarse alignment position and velocity are the antenna's
         lever, velocity = antenna_position(c), velocity_of_point(c.nav, c.imu, c.nav.gnss_lever_arm)
     extra = second_order_error(p, c) ** 2 + (0.5 * p.tuning.late_fix_accel * age * age) ** 2
-    extra += lever_arm_rate_variance(p, c) * p.tuning.turn_between_fixes_s**2
     for i in range(3):
         z[i] += age * velocity[i] - lever[i] - c.nav.gnss_bias[i]
     if c.alignment.mode == NAVIGATING:

@@ -35,7 +35,7 @@ from ..state import (
     VELOCITY_TIME_OFFSET,
 )
 from .gnss_gate import count_velocity_rejects
-from .gnss_noise import learn_velocity_noise, lever_arm_rate_variance, second_order_error
+from .gnss_noise import learn_velocity_noise, second_order_error
 from .wheel_check import check_receiver, wheels_reject
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float, report
     noise, second = ratio2 * c.gnss.velocity_noise_var, second_order_error(p, c)
     if reported > 0.0:
         noise = max(noise, reported * reported)
-    return float(noise + second**2 + slow * slow + lever_arm_rate_variance(p, c))
+    return float(noise + second**2 + slow * slow)
 
 
 @kernel

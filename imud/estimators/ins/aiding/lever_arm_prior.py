@@ -58,6 +58,7 @@ TUNABLES = (
         "The same of one that he has set, unless he measured it.",
         "Open recordings contradict their own by 0.2 to 0.35 m.",
     ),
+    Tunable("gnss_lever_arm_sigma", 0.03, "m", "The same of one that he measured, with a ruler.", "A ruler."),
     Tunable("lever_arm_odds", 20.0, "", "Odds from which a component is set wrong.", "Choice: 5 %."),
 )
 MOST_LOG_ODDS = 50.0

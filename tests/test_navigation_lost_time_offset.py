@@ -1,14 +1,28 @@
 """A time offset beyond the fusion horizon would reject all fixes for ever: it is wrong, and found anew."""
 
-from accuracy_simulated import figures
+import numpy as np
+import pytest
+from navigation_runner import settings_of
+from navigation_simulation import drive, errors, received, sensed
+from replay_in_process import new_filter, replay
 
-REPEATS_ARE_USED = {"repeated_s": 0.02}
+from imud.estimators.records import POSITION_N
+
+RATE, BEGIN_S, OFFSET_S = 100, 60.0, 3.7
 
 
-def test_after_a_time_offset_that_no_receiver_has_the_fixes_are_used_again():
-    """A multicopter whose receiver repeats positions, which the filter is made to use: they look like a delay."""
-    run = lambda tuning: figures("multicopter", "RTK", 0.0, 1300, tuning, error="held")  # noqa: E731
-    assert run(REPEATS_ARE_USED | {"lost_time_offset_s": 100.0})["position m"] > 100.0
-    row = run(REPEATS_ARE_USED)
-    assert row["position m"] < 2.0
-    assert row["position s"] < 3.0
+@pytest.mark.parametrize(("least_s", "is_given_up"), [(1.5, True), (100.0, False)])
+def test_a_time_offset_that_no_receiver_has_is_given_up_and_the_fixes_are_used_again(least_s, is_given_up):
+    rng, d = np.random.default_rng(3), drive(120.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.2, late=0.1, sigma=0.5)
+    later, begin_ns = samples["t_ns"] >= (100.0 + BEGIN_S) * 1e9, (100.0 + BEGIN_S) * 1e9
+    filter_ = new_filter("navigation", samples, settings_of(tuning={"lost_time_offset_s": least_s}))
+    before, _ = replay(filter_, samples[~later], fixes[fixes["arrival_ns"] < begin_ns])
+    s = filter_.state
+    s["last_time_offset"] = s["core"]["nav"]["time_offset"] = OFFSET_S
+    s["last_fusion_ns"] -= round(OFFSET_S * 1e9)
+    out, innovations = replay(filter_, samples[later], fixes[fixes["arrival_ns"] >= begin_ns])
+    used = innovations["used"][innovations["kind"] == POSITION_N]
+    assert used.mean() > 0.9 if is_given_up else not used.any()
+    away = np.hypot(*errors(d, np.concatenate([before, out]))[0][int((BEGIN_S + 30.0) * RATE) :, :2].T)
+    assert away.max() < 3.0

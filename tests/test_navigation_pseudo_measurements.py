@@ -13,7 +13,7 @@ from imud.estimators import registry
 from imud.estimators.ins.aiding.zero_velocity import fuse_rest
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import GYRO_BIAS, STATES
+from imud.estimators.ins.state import ATTITUDE, GYRO_BIAS, STATES
 from imud.estimators.records import (
     INNOVATION,
     NHC_LATERAL,
@@ -117,11 +117,15 @@ def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_
     c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
     c["stationarity"]["gyro_noise_floor"], c["nav"]["q_nb"] = noise, (1.0, 0.0, 0.0, 0.0)
     windows, replaced = int(p["tuning"]["bias_contradiction_windows"]), []
+    tilt = interpreted(packed_index)(STATES, ATTITUDE, ATTITUDE)
+    c["cov"]["P"][tilt] = 0.0
     for k in range(2 * windows):
         c["stationarity"]["mean_w"][0] = np.radians(1.2 + growth_dps * k)
-        replaced += [bool(in_c(fuse_rest)(p, c))]
-    assert replaced == [contradicts and k == windows - 1 for k in range(2 * windows)]
-    assert (abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)) == contradicts
+        in_c(fuse_rest)(p, c)
+        replaced += [abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)]
+    assert replaced == [contradicts and k >= windows - 1 for k in range(2 * windows)]
+    turned = np.radians(1.2) * windows * 0.5  # by the wrong bias
+    assert np.sqrt(c["cov"]["P"][tilt]) == pytest.approx(turned if contradicts else 0.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("turns_s", "is_known"), [(2.4, False), (4.4, True)])

@@ -247,8 +247,8 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     inconsistent = False
     for i in range(2):
         bias2 = c.gnss.reported_sigma[HORIZONTAL] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
-        late2 = variance(c, TIME_OFFSET) * c.nav.v_n[i] ** 2
-        allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL] + late2)
+        by_time_offset2 = variance(c, TIME_OFFSET) * c.nav.v_n[i] ** 2
+        allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL] + by_time_offset2)
         allowed += (variance(c, VELOCITY + i) + inertial2) * dt * dt
         inconsistent = (
             inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed

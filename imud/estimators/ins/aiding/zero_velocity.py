@@ -77,8 +77,8 @@ def reset_velocity(c: Core, sigma: float) -> None:
 
 
 @kernel
-def fuse_rest(p: Parameters, c: Core) -> bool:
-    """Fuse one window of rest (call at its end, before it is cleared); True if it replaced the gyro bias.
+def fuse_rest(p: Parameters, c: Core) -> None:
+    """Fuse one window of rest (call at its end, before it is cleared).
 
     A rate that contradicts the bias is either another bias, which stays, or the beginning of a motion that nothing else
     shows yet.
@@ -107,16 +107,15 @@ def fuse_rest(p: Parameters, c: Core) -> bool:
             if not replaces:
                 continue
             decorrelate(c, GYRO_BIAS + i, z * z)
-            turn2 += (z * s.low_motion_count * s.duration) ** 2
+            turn2 += (z * max(s.low_motion_count, p.tuning.bias_contradiction_windows) * s.duration) ** 2
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)
     correct_state(p, c)
     if turn2 > 0.0:
         for i in range(3):
-            add_variance(c, ATTITUDE + i, turn2)  # by the wrong bias, since the first of these windows
+            add_variance(c, ATTITUDE + i, turn2)  # by the wrong bias, since the first window of low motion
     if confirmed or not navigating:
         reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)
     if s.contradiction_count == 0:
         for i in range(3):
             s.contradicting_w[i] = s.mean_w[i]
     s.contradiction_count = s.contradiction_count + 1 if contradicted and not replaces else 0
-    return bool(contradicted and replaces)

@@ -311,9 +311,3 @@ def restart_in_motion_alignment(c: Core) -> None:
 def count_heading_fault(c: Core, wrong: bool) -> None:
     """Count pairs in a row that contradict the heading; `wrong`: the last one does."""
     c.alignment.heading_fault_count = c.alignment.heading_fault_count + 1 if wrong else 0
-
-
-@kernel
-def flag_heading(p: Parameters, c: Core) -> None:
-    """Mark the heading as wrong, on evidence other than pairs."""
-    c.alignment.heading_fault_count = p.tuning.heading_faults

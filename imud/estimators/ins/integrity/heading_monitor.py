@@ -74,10 +74,8 @@ TUNABLES = (
 def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool:
     """After a fix, compare the heading with that of the alignment, and correct or inflate it if it is contradicted.
 
-    False: it was flagged as wrong by rest or gravity (`flag_heading`), and has to be found anew.
+    False: it is wrong, and was learned with a compass or a pose that is: it has to be found anew.
     """
-    if c.alignment.heading_fault_count >= p.tuning.heading_faults:
-        return False
     before = b.weight
     match_pair(p, c, b, fix.lat, fix.lon, velocity_of(p, fix, 0), velocity_of(p, fix, 1), low_speed_variance(p, fix))
     if b.weight == before:

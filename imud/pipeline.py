@@ -37,8 +37,8 @@ _NO_SAMPLE, _NO_SOLUTION, _NO_FIX, _NO_MEASUREMENT, _NO_INDEX, _BEFORE_FIRST = (
 
 
 _RESTARTED = (
-    "the filter was started anew ({} times): a variance had become negative, by an error of imud: please report it, "
-    "with a recording"
+    "the filter was started anew (so far: {}), as a variance was negative or not a number, by an error of imud: please "
+    "report it, with a recording"
 )
 
 
@@ -123,11 +123,12 @@ class Filter:
             kind = self.estimator.checkpoint(self.state).dtype
             digest = self._digest(kind)
             if stored.checkpoint[: len(digest)] == digest and len(stored.checkpoint) == len(digest) + kind.itemsize:
+                before = self.state.copy()
                 self.estimator.resume(self.state, np.frombuffer(stored.checkpoint, kind, offset=len(digest)))
                 if self._is_valid():
                     self._keep_beginning()
                     return True
-                self.state[:] = self.estimator.start(self.parameters, Initial())
+                self.state[:] = before
         if stored.biases is not None:
             self.restore_biases(stored.biases)
         return False
@@ -164,7 +165,8 @@ class Filter:
         Fix i of `fixes` (FIX) is fused before sample fix_before[i] (int64, ascending), measurement i of `measurements`
         (MEASUREMENT) before sample measurement_before[i], and before the fixes there; one that is `needing_place` must
         be before sample 0. Fills `innovations`, an `innovation_buffer`: for each those pending until then, and its own.
-        Returns the filled part. A state that is not valid afterwards is started anew. Raises as `aid`.
+        Returns the filled part. After fixes, a state that is not valid is started anew. Raises as
+        `aid`.
         """
         if len(measurements):
             measurements = self._prepared(measurements)

@@ -30,7 +30,7 @@ TWO_SENSORS = "daemon and emulators of two sensors need two processors for thems
 SPARES = "test_daemon_spares.py::test_"
 LEFT_OUT = {  # what qemu is too slow for, and why
     f"{SPARES}one_in_use_whose_rates_gravity_contradicts_is_replaced_by_the_spare": TWO_SENSORS,
-    f"{SPARES}how_a_spare_sits_is_known_over_a_restart": TWO_SENSORS,
+    "test_daemon_spare_restarts.py::test_how_a_spare_sits_is_known_over_a_restart": TWO_SENSORS,
     f"{SPARES}a_spare_that_sits_otherwise_than_the_settings_say_is_turned_once_motion_has_shown_it": (
         "one process emulates two sensors in motion, which needs 1.2 processors under qemu"
     ),

@@ -165,9 +165,9 @@ def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fa
     samples, fixes = sensed(d, rng, vrw, arw, warm_up_dps), received(d, rng, receiver)
     begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
     samples["w"][begin:, 2] += np.radians(sign * step_dps)
-    after = len(d.t) - begin
+    begin_s = d.t[begin]
     d, samples, fixes = ERRORS[error](d, samples, fixes, np.random.default_rng([seed, *sources, 2]))
-    d, samples, fixes, begin = with_fault(fault, d, samples, fixes, max(len(d.t) - after, 0), sign)
+    d, samples, fixes, begin = with_fault(fault, d, samples, fixes, int(np.searchsorted(d.t, begin_s)), sign)
     out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
     return judged(d, out, begin)
 

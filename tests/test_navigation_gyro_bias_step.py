@@ -133,5 +133,6 @@ def test_a_step_before_a_stop_leaves_a_heading_that_is_less_sure_and_not_none(se
     later = t > STOP_S - 12.0
     assert (out["status"][later] & HEADING_VALID > 0).all()
     assert yaw_error[-1] < 3.0 * sigma[-1]
+    assert sigma[-1] > 1.5 * sigma[int((STOP_S - 13.0) * RATE)]
     assert np.degrees(yaw_error[-1]) < 12.0
     assert np.degrees(out["bg"][-1, 2]) == pytest.approx(0.4, abs=0.05)

@@ -7,8 +7,12 @@ from replay_in_process import new_filter, replay
 from simulated_errors import part
 
 from imud.batch import play
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial
 from imud.estimators.ins.setup import is_valid
+from imud.estimators.ins.state import ATTITUDE, POSITION, STATES
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID, SOLUTION
+from imud.math.kalman import packed_index
 from imud.pipeline import Stored
 
 RATE, BEGIN_S = 100, 60.0
@@ -31,7 +35,7 @@ def spoil(filter_, value):
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan])
-def test_the_filter_begins_anew_at_the_next_fix(value):
+def test_a_table_goes_on_with_the_filter_started_anew(value):
     d, filter_, samples, fixes = parts()
     spoil(filter_, value)
     rows = []
@@ -45,19 +49,28 @@ def test_the_filter_begins_anew_at_the_next_fix(value):
     assert (out["status"][-10 * RATE :] & valid == valid).all()
 
 
-def test_no_position_counts_as_valid_without_a_sigma():
-    _, filter_, samples, _ = parts()
+def test_live_each_fix_is_looked_at():
+    _, filter_, _, fixes = parts()
     spoil(filter_, np.nan)
-    filter_.state["core"]["cov"]["P"] = np.nan
+    filter_.update(fixes[:1])
+    assert filter_.restarts == 1
+    assert is_valid(filter_.state)
+
+
+@pytest.mark.parametrize(("first", "value"), [(POSITION, -1.0), (POSITION, np.nan), (ATTITUDE, np.nan)])
+def test_nothing_counts_as_valid_whose_variance_is_none(first, value):
+    _, filter_, samples, _ = parts()
+    filter_.state["core"]["cov"]["P"][..., interpreted(packed_index)(STATES, first, first)] = value
     out = np.zeros(1, SOLUTION)
     filter_.run(samples[:1].copy(), out)
     assert out["status"][0] & (ATTITUDE_VALID | HEADING_VALID | POSITION_VALID) == 0
 
 
-def test_a_checkpoint_that_is_none_is_not_resumed():
+def test_a_checkpoint_that_is_not_valid_is_not_resumed():
     _, filter_, samples, _ = parts()
     spoil(filter_, -1.0)
     stored = Stored(checkpoint=filter_.checkpoint())
-    other = new_filter("navigation", samples)
+    other = new_filter("navigation", samples, initial=Initial(lat_deg=48.0, lon_deg=11.0, yaw_deg=30.0))
+    before = other.state.copy()
     assert not other.restore(stored)
-    assert is_valid(other.state)
+    assert other.state.tobytes() == before.tobytes()

@@ -6,7 +6,7 @@ from navigation_runner import settings_of
 from navigation_simulation import drive, errors, received, sensed
 from replay_in_process import new_filter, replay
 
-from imud.estimators.records import POSITION_N
+from imud.estimators.records import COASTING, HEADING_VALID, POSITION_N
 
 RATE, BEGIN_S, OFFSET_S = 100, 60.0, 3.7
 
@@ -24,5 +24,9 @@ def test_a_time_offset_that_no_receiver_has_is_given_up_and_the_fixes_are_used_a
     out, innovations = replay(filter_, samples[later], fixes[fixes["arrival_ns"] >= begin_ns])
     used = innovations["used"][innovations["kind"] == POSITION_N]
     assert used.mean() > 0.9 if is_given_up else not used.any()
-    away = np.hypot(*errors(d, np.concatenate([before, out]))[0][int((BEGIN_S + 30.0) * RATE) :, :2].T)
-    assert away.max() < 3.0
+    assert (abs(float(s["core"]["nav"]["time_offset"][0, 0])) < 0.1) == is_given_up
+    last = slice(int((BEGIN_S + 50.0) * RATE), None)
+    assert ((out["status"][-10 * RATE :] & COASTING > 0).all()) != is_given_up
+    if is_given_up:
+        assert (out["status"][-10 * RATE :] & HEADING_VALID > 0).all()
+        assert np.hypot(*errors(d, np.concatenate([before, out]))[0][last, :2].T).max() < 2.0

@@ -105,8 +105,14 @@ def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
 @pytest.mark.parametrize(
     ("noise", "growth_dps", "contradicts"), [(0.05, 0.0, False), (0.0, 0.0, True), (0.0, 0.1, False)]
 )
-def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_same(noise, growth_dps, contradicts):
-    """A window's mean rate of 1.2 deg/s: three of its own sigmas with noise of 0.05 rad/s, else of a wrong bias."""
+@pytest.mark.parametrize("stood_s", [20.0, 600.0])
+def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_same(
+    noise, growth_dps, contradicts, stood_s
+):
+    """A window's mean rate of 1.2 deg/s: three of its own sigmas with noise of 0.05 rad/s, else of a wrong bias.
+
+    The bias was right until 20 s ago, however long the body has stood; by what it has turned since then the yaw is off.
+    """
     settings = Settings()
     p, c = (
         configure(settings, RATE)[0],
@@ -117,15 +123,18 @@ def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_
     c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
     c["stationarity"]["gyro_noise_floor"], c["nav"]["q_nb"] = noise, (1.0, 0.0, 0.0, 0.0)
     windows, replaced = int(p["tuning"]["bias_contradiction_windows"]), []
-    tilt = interpreted(packed_index)(STATES, ATTITUDE, ATTITUDE)
-    c["cov"]["P"][tilt] = 0.0
+    tilt, yaw = (interpreted(packed_index)(STATES, ATTITUDE + i, ATTITUDE + i) for i in (0, 2))
+    c["cov"]["P"][[tilt, yaw]] = 0.0
+    c["nav"]["t_ns"], c["stationarity"]["agreed_ns"] = 10**12, 10**12 - 20 * 10**9
+    c["stationarity"]["low_motion_count"] = 2 * stood_s
     for k in range(2 * windows):
         c["stationarity"]["mean_w"][0] = np.radians(1.2 + growth_dps * k)
         in_c(fuse_rest)(p, c)
         replaced += [abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)]
     assert replaced == [contradicts and k >= windows - 1 for k in range(2 * windows)]
-    turned = np.radians(1.2) * windows * 0.5  # by the wrong bias
-    assert np.sqrt(c["cov"]["P"][tilt]) == pytest.approx(turned if contradicts else 0.0, rel=0.02)
+    for element, seconds in ((tilt, 0.5 * windows), (yaw, 20.0)):
+        turned = np.radians(1.2) * seconds if contradicts else 0.0
+        assert np.sqrt(c["cov"]["P"][element]) == pytest.approx(turned, rel=0.02)
 
 
 @pytest.mark.parametrize(("turns_s", "is_known"), [(2.4, False), (4.4, True)])

@@ -149,6 +149,7 @@ STATIONARITY = np.dtype(
         ("stationary_count", "<i8"),  # and of none
         ("contradiction_count", "<i8"),  # windows at rest in a row whose mean rate contradicts the gyro bias
         ("contradicting_w", "<f8", (3,)),  # rad/s, mean rate of the first of them
+        ("agreed_ns", "<i8"),  # when a window at rest last agreed with the gyro bias
         ("rest_class", MOTION_CLASS),
         ("slow_motion_class", MOTION_CLASS),
         ("log_likelihood_ratio", "<f8"),  # of rest against slow motion, summed over windows

@@ -126,7 +126,8 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
 def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
     """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written.
 
-    One that is older than the last one, or than the fusion horizon, is rejected.
+    One that is older than the last one, or than the fusion horizon, is rejected, unless only a time offset beyond that
+    makes it so.
     """
     c = s.core[0]
     if s.sample_count == 0 or not is_usable(fix):
@@ -141,7 +142,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     t_ns, snapshots = fusion_time(s, fix), s.snapshot_count
     usable = fix.t_ns >= s.last_epoch_ns and not too_new
     if usable and not rewind_to(s, t_ns):
-        t_ns, usable = fix.t_ns, forget_time_offset(p, s, fix)
+        t_ns, usable, snapshots = fix.t_ns, forget_time_offset(p, s, fix), s.snapshot_count
     if not usable:
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
@@ -158,8 +159,9 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
 def forget_time_offset(p: Parameters, s: State, fix: Fix) -> bool:
     """Of a fix that is older than the fusion horizon: whether only a time offset made it so, which is then forgotten.
 
-    With a time offset beyond the horizon no fix would be used again. Such a one is wrong, and so is what was estimated
-    with it: time offset and heading are found anew, from this fix on.
+    With a time offset beyond the horizon no fix would be used again. Such a one is wrong, or of a receiver that cannot
+    be used with it, and so is what was estimated with it: time offset and heading are found anew, from this fix on,
+    and nothing older is stored any more.
     """
     if s.last_time_offset < p.tuning.lost_time_offset_s or not rewind_to(s, fix.t_ns):
         return False
@@ -167,6 +169,8 @@ def forget_time_offset(p: Parameters, s: State, fix: Fix) -> bool:
     set_noise(p, s.core[0], fix, False)
     reset_time_offsets(p, s.core[0], fix, horizontal_sigma(p, fix))
     find_heading_anew(p, s.core[0], fix)
+    s.aiding_start, s.aiding_count, s.snapshot_count = s.core[0].nav.fused_count, 0, 0
+    store_snapshot(s)
     return True
 
 

@@ -92,7 +92,6 @@ def fuse_and_align(
     p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]
 ) -> int:
     """Align with the fix while the heading is not known, and fuse its position and velocity; returns the rows."""
-    set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
     head_along_course(p, c, fix)
     compare_place(p, c, fix)
     if c.alignment.mode == NAVIGATING and variance(c, ATTITUDE + 2) > p.tuning.max_valid_heading_sigma**2:
@@ -209,11 +208,15 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written.
 
     After the fix the tests of what it may show, each of which knows what the others would explain: a wrong heading that
-    was given, a drift of the receiver, a step of its stamps, a step of the gyro's bias, a wrong heading.
+    was given, a drift of the receiver, a step of its stamps, a step of the gyro's bias, a wrong heading. Of a position
+    that is frozen or repeated only a new velocity is used.
     """
     repeated = velocity_is_repeated(c, fix)
     frozen = position_is_frozen(p, c, fix)
-    if frozen or position_is_repeated(p, c):
+    no_position = frozen or position_is_repeated(p, c)
+    if not (no_position and repeated):
+        set_speed(c, elementary.hypot(fix.v[0], fix.v[1]) if math.isfinite(fix.v[0]) else fix.speed)
+    if no_position:
         if frozen:
             reject_frozen(c)
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)

@@ -72,24 +72,27 @@ TUNABLES = (
 def status_bits(p: Parameters, c: Core, sigma_rpy: Reals, sigma_down: float) -> int:
     """The status bits of the solution.
 
-    The first height that is measured brings its sigma far below half of that of an unknown height.
+    The first height that is measured brings its sigma far below half of that of an unknown height. Nothing is valid
+    whose variances are negative or not numbers.
     """
-    bits = 0
+    bits, estimated = 0, True
+    for i in range(3):
+        estimated = estimated and variance(c, POSITION + i) >= 0.0 and variance(c, ATTITUDE + i) >= 0.0
     if c.stationarity.at_rest:
         bits |= AT_REST
     if c.integrity.rejecting:
         bits |= REJECTING
     if c.imu.saturated:
         bits |= SATURATED
-    if max(sigma_rpy[0], sigma_rpy[1]) < p.tuning.max_valid_tilt_sigma:
+    if estimated and max(sigma_rpy[0], sigma_rpy[1]) < p.tuning.max_valid_tilt_sigma:
         bits |= ATTITUDE_VALID
-    known = c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0
+    known = estimated and (c.alignment.mode == NAVIGATING or c.alignment.heading_sigma > 0.0)
     contradicted = c.alignment.heading_fault_count >= p.tuning.contradicted_heading_pairs
     contradicted |= c.integrity.velocity_reject_count > 1
     if known and not contradicted and sigma_rpy[2] < p.tuning.max_valid_heading_sigma:
         bits |= HEADING_VALID
     if c.gnss.fix_count > 0:
-        position_known = not is_alternating(p, c) and math.isfinite(sigma_down)
+        position_known = estimated and not is_alternating(p, c)
         if position_known:
             bits |= POSITION_VALID
         if position_known and sigma_down < 0.5 * p.tuning.unknown_height:

@@ -129,6 +129,7 @@ class Stationarity:
     stationary_count: int
     contradiction_count: int
     contradicting_w: Reals
+    agreed_ns: int
     rest_class: MotionClass
     slow_motion_class: MotionClass
     log_likelihood_ratio: float
@@ -236,6 +237,7 @@ class Integrity:
     reject_start_ns: Integers
     outage_at_reject_s: float
     reject_offset: Reals
+    reject_velocity: Reals
     rejected_velocity: Reals
     rejected_inflation: float
     last_lat: float

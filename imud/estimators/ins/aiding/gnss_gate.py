@@ -16,7 +16,14 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, decorrelate, inflate, variance
 from ..glr_tests.compass_offset import is_unconfirmed
-from ..glr_tests.gnss_drift import BY_POSITIONS, all_onsets_open, clear_detection, reset_drift, state_detected_drift
+from ..glr_tests.gnss_drift import (
+    BY_POSITIONS,
+    BY_WHEELS,
+    all_onsets_open,
+    clear_detection,
+    reset_drift,
+    state_detected_drift,
+)
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.time_offset_step import reset_time_offset_step
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
@@ -140,17 +147,18 @@ def reports_velocity(fix: Fix) -> bool:
 def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity.
 
-    A drift that positions alone have shown does only as far as a receiver drifts: beyond, the IMU is off.
+    A drift that positions alone have shown supports it only as far as receivers drift: beyond, the IMU is off.
     """
     reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
-    by_wheels = c.drift.detected != 0 and c.drift.detected != BY_POSITIONS
-    drifting = by_wheels or (c.drift.detected == BY_POSITIONS and is_as_far_as_a_drift(p, c, p.tuning.reset_s))
-    return drifting or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
+    by_positions = c.drift.detected == BY_POSITIONS and is_as_far_as_a_drift(p, c, p.tuning.reset_s)
+    return (
+        by_positions or c.drift.detected == BY_WHEELS or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
+    )
 
 
 @kernel
 def is_as_far_as_a_drift(p: Parameters, c: Core, before_s: float) -> bool:
-    """Whether a receiver that drifts since `before_s` before the last fix used may be as far off as the position."""
+    """Whether a drift of the receiver that began `before_s` before the last fix used can explain the position."""
     distance = elementary.hypot(bias_free_innovation(c, 0), bias_free_innovation(c, 1))
     outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     return bool(distance < p.tuning.max_drift_speed * (outage_s + before_s))
@@ -247,9 +255,8 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     inconsistent = False
     for i in range(2):
         bias2 = c.gnss.reported_sigma[HORIZONTAL] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
-        by_time_offset2 = variance(c, TIME_OFFSET) * c.nav.v_n[i] ** 2
-        allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL] + by_time_offset2)
-        allowed += (variance(c, VELOCITY + i) + inertial2) * dt * dt
+        allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
+        allowed += variance(c, TIME_OFFSET) * (c.nav.v_n[i] - g.reject_velocity[i]) ** 2
         inconsistent = (
             inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
         )
@@ -257,6 +264,7 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
         g.reject_start_ns[HORIZONTAL] = c.nav.t_ns
         for i in range(2):
             g.reject_offset[i] = bias_free_innovation(c, i)
+            g.reject_velocity[i] = c.nav.v_n[i]
         return 0.0
     return float(dt)
 
@@ -333,7 +341,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         g.reject_count[HORIZONTAL] += 1
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
-        if g.reject_count[HORIZONTAL] > p.tuning.reset_count:
+        if g.reject_count[HORIZONTAL] > p.tuning.reset_count and outage_s > p.tuning.fresh_fix_s:
             reset_time_offset_step(c)  # whose errors ended by themselves had right stamps
         clear_detection(c)
         clear_rejection(c)

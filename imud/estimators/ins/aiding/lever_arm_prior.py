@@ -120,11 +120,11 @@ def weigh_lever_arm(p: Parameters, c: Core) -> bool:
     for i in range(3):
         if g.lever_arm_is_measured[i] == 0:
             continue
-        if variance(c, GNSS_LEVER_ARM + i) >= rho2:  # another fault has opened it: there is nothing to take back
+        if variance(c, GNSS_LEVER_ARM + i) > ruler2:  # another fault has opened it: there is nothing to take back
             g.lever_arm_is_measured[i] = 0
             g.lever_arm_inflation[i] = 0.0
             continue
-        z, known = p.gnss_lever_arm[i] - c.nav.gnss_lever_arm[i], min(variance(c, GNSS_LEVER_ARM + i), ruler2)
+        z, known = p.gnss_lever_arm[i] - c.nav.gnss_lever_arm[i], variance(c, GNSS_LEVER_ARM + i)
         s = rho2 - known
         odds = odds_of_mistake(p, rho2, z, s)
         if odds > p.tuning.lever_arm_odds:

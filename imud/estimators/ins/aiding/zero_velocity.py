@@ -93,12 +93,14 @@ def fuse_rest(p: Parameters, c: Core) -> None:
             )
     north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
     earth = ned_to_body(c, (north, 0.0, down))
-    s, contradicted, turn2 = c.stationarity, False, 0.0
+    s, contradicted, turn2, yaw_turn2 = c.stationarity, False, 0.0, 0.0
     r = p.gyro_psd / s.duration + s.gyro_noise_floor**2 / s.sample_count + p.tuning.zaru_sigma**2 + s.turn_rate_var
     for i in range(3):
         if abs(s.mean_w[i] - s.contradicting_w[i]) > p.tuning.limit_sigmas * math.sqrt(2.0 * r):
             s.contradiction_count = 0  # a bias would have stayed the same
     replaces = s.contradiction_count + 1 >= p.tuning.bias_contradiction_windows
+    contradicting_s = p.tuning.bias_contradiction_windows * s.duration
+    low_motion_s = min(s.low_motion_count * s.duration, 1e-9 * (c.nav.t_ns - s.agreed_ns))
     for i in range(3):
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
         # only a confirmed rest is detected with such a rate; a window's mean may have it by noise, too
@@ -107,15 +109,18 @@ def fuse_rest(p: Parameters, c: Core) -> None:
             if not replaces:
                 continue
             decorrelate(c, GYRO_BIAS + i, z * z)
-            turn2 += (z * max(s.low_motion_count, p.tuning.bias_contradiction_windows) * s.duration) ** 2
+            turn2 += (z * contradicting_s) ** 2
+            yaw_turn2 += (z * max(low_motion_s, contradicting_s)) ** 2
         pseudo_measurement(c, REST_X + i, set_jacobian(c, 0, GYRO_BIAS + i, 1.0), z, r, p.tuning.rest_gate, OTHER_AXIS)
     correct_state(p, c)
-    if turn2 > 0.0:
-        for i in range(3):
-            add_variance(c, ATTITUDE + i, turn2)  # by the wrong bias, since the first window of low motion
+    if turn2 > 0.0:  # by the wrong bias; gravity shows the tilt, nothing the yaw since the first window of low motion
+        for i in range(2):
+            add_variance(c, ATTITUDE + i, turn2)
+        add_variance(c, ATTITUDE + 2, yaw_turn2)
     if confirmed or not navigating:
         reset_velocity(c, p.tuning.standstill_sigma if confirmed else sigma)
     if s.contradiction_count == 0:
         for i in range(3):
             s.contradicting_w[i] = s.mean_w[i]
     s.contradiction_count = s.contradiction_count + 1 if contradicted and not replaces else 0
+    s.agreed_ns = s.agreed_ns if contradicted and not replaces else c.nav.t_ns

@@ -172,7 +172,8 @@ def most_likely_onset(p: Parameters, c: Core) -> int:
     While the vehicle stands nothing shows its heading: what a likely step has done to it before stays.
     """
     g, best, most = c.gyro_bias_step, 0, 0.0
-    stands = elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) < p.tuning.rest_speed
+    slow = elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) < p.tuning.rest_speed
+    stands = slow and c.stationarity.low_motion_count > 0
     g.heading_variance = g.heading_variance if stands else 0.0
     for j in range(GYRO_BIAS_ONSETS):
         chi2 = chi2_of(p, c, j)

@@ -66,8 +66,9 @@ TUNABLES = (
 
 @kernel
 def reset_time_offset_step(c: Core) -> None:
-    """Forget the onset: the estimate is new."""
+    """Forget the onset and what was summed since: the estimate is new."""
     c.time_offset_step.onset_ns = NEVER_NS
+    c.time_offset_step.information = c.time_offset_step.vector = 0.0
 
 
 @kernel

@@ -1,6 +1,7 @@
 """A frozen receiver: it repeats a position, or a velocity, to the last digit although the vehicle moves.
 
-Where the position is frozen and the velocity is not, the velocity is still used.
+Where the position is frozen and the velocity is not, the velocity is still used. So it is where a receiver that
+reports more often than it measures repeats a position once or twice.
 """
 
 from __future__ import annotations

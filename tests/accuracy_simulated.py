@@ -2,16 +2,17 @@
 
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
                                         [--warm-up 0.05] [--fault turn|outage|moving] [--errors none|all|NAME,..]
-                                        [--set KEY=VALUE,..] [--jobs 2]
+                                        [--lever-arm-sigma auto] [--set KEY=VALUE,..] [--jobs 2]
 
 22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
 the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up (by
 so many deg/s, 1 sigma, within 100 s), vibration. The receiver errs slowly, its velocities are smoothed and late, its
 stamps are off. With a step the bias of the gyro about the vertical jumps by so many deg/s, at 110 to 140 s. Each run
-goes through what users run, at its full rate; of the settings it has only that the antenna is at the sensor. "Wrong
-and sure": seconds with an error of more than 4 sigma and 5 m or 5 degrees while the status says that position,
-attitude or heading are valid. "no yaw": seconds from the step on without a yaw within 5 degrees. Seconds are sums
-over the seeds, the rest medians (NEES: means) from a minute after the start on.
+goes through what users run, at its full rate; of the settings it has only that the antenna is at the sensor, exactly
+(auto: as sure as imud takes it to be). "Wrong and sure": seconds with an error of more than 4 sigma and 5 m or
+5 degrees while the status says that position, attitude or heading are valid. "no yaw": seconds from the step on
+without a yaw within 5 degrees. Seconds are sums over the seeds, the rest medians (NEES: means) from a minute after the
+start on.
 
 Faults, at the time of the step: the gyro turns by 150 deg too far in a second (turn); there are no fixes for 30 s, in
 which the gyro is off by 0.3 deg/s (outage); the first 70 s are missing, so that most start moving (moving).
@@ -157,7 +158,9 @@ def with_fault(fault, d, samples, fixes, begin, sign):
     return d, samples, fixes, begin
 
 
-def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None, error="none"):
+def figures(
+    vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None, error="none", lever_arm_sigma_m=0.0
+):
     """The figures of one run, by name."""
     d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
     rng = np.random.default_rng([seed, *sources, 1])
@@ -168,7 +171,7 @@ def figures(vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fa
     begin_s = d.t[begin]
     d, samples, fixes = ERRORS[error](d, samples, fixes, np.random.default_rng([seed, *sources, 2]))
     d, samples, fixes, begin = with_fault(fault, d, samples, fixes, int(np.searchsorted(d.t, begin_s)), sign)
-    out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
+    out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning, lever_arm_sigma_m=lever_arm_sigma_m))
     return judged(d, out, begin)
 
 
@@ -195,6 +198,8 @@ def arguments():
     parser.add_argument("--step", type=names, default=["0", "0.5"], help="deg/s")
     parser.add_argument("--warm-up", type=float, default=0.05, help="deg/s, 1 sigma")
     parser.add_argument("--fault", choices=["turn", "outage", "moving"])
+    sigma = lambda text: text if text == "auto" else float(text)  # noqa: E731
+    parser.add_argument("--lever-arm-sigma", type=sigma, default=0.0, help="m, of the set lever arm; auto: not given")
     parser.add_argument("--errors", type=names, default=["none"], help="all: each of them")
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
@@ -207,13 +212,13 @@ def main():
     kinds = list(ERRORS) if a.errors == ["all"] else a.errors
     runs = itertools.product(a.vehicles, a.seeds, a.receivers, kinds, map(float, a.step))
     jobs = [
-        (vehicle, receiver, step, seed, tuning, a.warm_up, a.fault, error)
+        (vehicle, receiver, step, seed, tuning, a.warm_up, a.fault, error, a.lever_arm_sigma)
         for vehicle, seed, receiver, error, step in runs
     ]
     found = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):
-            vehicle, receiver, step, *_, error = job
+            vehicle, receiver, step, *_, error, _ = job
             for of in ((vehicle, receiver), ("all", "all")):
                 found.setdefault((error, f"{step:g}", *of), []).append(row)
     print("| error | step deg/s | vehicle | receiver |", " | ".join(row), "|")

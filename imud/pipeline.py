@@ -165,8 +165,7 @@ class Filter:
         Fix i of `fixes` (FIX) is fused before sample fix_before[i] (int64, ascending), measurement i of `measurements`
         (MEASUREMENT) before sample measurement_before[i], and before the fixes there; one that is `needing_place` must
         be before sample 0. Fills `innovations`, an `innovation_buffer`: for each those pending until then, and its own.
-        Returns the filled part. After fixes, a state that is not valid is started anew. Raises as
-        `aid`.
+        Returns the filled part. After fixes, a state that is not valid is started anew. Raises as `aid`.
         """
         if len(measurements):
             measurements = self._prepared(measurements)

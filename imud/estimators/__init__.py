@@ -41,7 +41,7 @@ class Estimator:
     survives_power_on: bool = False  # a sample with POWER_ON resets its biases, if it has any; else it is started anew
     rates_of_interval: bool = False  # a rate is the mean of the interval before its time; else that of the instant
 
-    # (state): whether it can go on; one that cannot, as of a variance that is negative, is started anew
+    # (state): whether the filter can go on; if not, as with a negative variance, it is started anew
     is_valid: Callable[[Records], bool] | None = None
 
     # A restart of the program

@@ -93,8 +93,8 @@ def add_variance(c: Core, i: int, q: float) -> None:
 def inflate(c: Core, factor: float) -> None:
     """P *= factor >= 1: the errors are larger than stated, in the same proportion, and the correlations stay.
 
-    That of the lever arm, the last three, stays as it is: it does not change, and what is known of it is no estimate of
-    the motion (`aiding.lever_arm_prior`).
+    The variances of the lever arm, the last three states, stay: it is constant, and its prior is taken back from them
+    (`aiding.lever_arm_prior`).
     """
     P, root = c.cov.P, math.sqrt(factor)
     for i in range(GNSS_LEVER_ARM):

@@ -159,9 +159,8 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
 def forget_time_offset(p: Parameters, s: State, fix: Fix) -> bool:
     """Of a fix that is older than the fusion horizon: whether only a time offset made it so, which is then forgotten.
 
-    With a time offset beyond the horizon no fix would be used again. Such a one is wrong, or of a receiver that cannot
-    be used with it, and so is what was estimated with it: time offset and heading are found anew, from this fix on,
-    and nothing older is stored any more.
+    With a time offset beyond the horizon no fix would be used again. Such an offset is wrong, or cannot be used, and so
+    is what was estimated with it: time offset and heading are found anew from this fix on, and nothing older is kept.
     """
     if s.last_time_offset < p.tuning.lost_time_offset_s or not rewind_to(s, fix.t_ns):
         return False

@@ -342,7 +342,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         if g.reject_count[HORIZONTAL] > p.tuning.reset_count and outage_s > p.tuning.fresh_fix_s:
-            reset_time_offset_step(c)  # whose errors ended by themselves had right stamps
+            reset_time_offset_step(c)  # positions that agree again by themselves had right stamps
         clear_detection(c)
         clear_rejection(c)
         if was_coasting(p, c, outage_s):

@@ -1,4 +1,4 @@
-"""The gate of GNSS positions: which are rejected, for how long, and when the filter is reset to them.
+"""The gate of GNSS positions: which are rejected, for how long, and when the filter is reset to them (`gnss_reset`).
 
 After a jump the rejected positions are consistent with the estimated velocity; in a drift they contradict it more and
 more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
@@ -14,7 +14,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_covariance, add_variance, decorrelate, inflate, variance
+from ..ekf import add_covariance, add_variance, variance
 from ..glr_tests.compass_offset import is_unconfirmed
 from ..glr_tests.gnss_drift import (
     BY_POSITIONS,
@@ -26,10 +26,14 @@ from ..glr_tests.gnss_drift import (
 )
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.time_offset_step import reset_time_offset_step
-from ..integrity.reset_inflation import inflate_position, inflate_velocity
-from ..mechanization import displace
-from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
-from .gnss_noise import clear_gnss_bias
+from ..state import HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
+from .gnss_reset import (
+    allow_for_wrong_velocity,
+    bias_free_innovation,
+    inflate_after_outage,
+    inflate_to_fix,
+    reset_to_gnss,
+)
 from .wheel_check import wheels_reject, wheels_support
 
 if TYPE_CHECKING:
@@ -69,44 +73,14 @@ TUNABLES = (
         "Recorded multipath.",
     ),
     Tunable(
-        "reset_sigmas",
-        2.0,
-        "sigma",
-        "Sigma of the position after a reset, in sigmas of the fix.",
-        "What was rejected for long may be wrong again.",
-    ),
-    Tunable(
-        "outage_freedom",
-        4.0,
-        "",
-        "Degrees of freedom of Student's t, the distribution of the errors that grow in an outage.",
-        "Simulated outages with faults of the IMU.",
-    ),
-    Tunable(
         "max_inflation",
         100.0,
         "",
         "Largest factor by which a rejected position after an outage inflates P, instead of a reset to it.",
         "Errors ten times as large as stated; with larger ones the correction of the tilt is not small.",
     ),
-    Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside that.", "Choice."),
-    Tunable(
-        "reset_velocity_sigma",
-        2.0,
-        "m/s",
-        "Sigma added to a velocity that nothing supports, at a reset.",
-        "Choice.",
-    ),
-    Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
     Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
-    Tunable(
-        "reset_time_sigma",
-        0.2,
-        "s",
-        "Sigma added to the time offset when the filter is reset to rejected positions.",
-        "Choice.",
-    ),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
     Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
@@ -192,12 +166,6 @@ def split_excess(p: Parameters, c: Core, excess: float) -> float:
 
 
 @kernel
-def bias_free_innovation(c: Core, axis: int) -> float:
-    """Innovation of the position along an axis, m, without the estimated GNSS bias."""
-    return float(c.scratch.position_innovation[axis] + c.nav.gnss_bias[axis])
-
-
-@kernel
 def drift_is_plausible(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the rejected positions may be those of a drifting receiver, where only the IMU supports the velocity.
 
@@ -270,69 +238,6 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 
 @kernel
-def reset_to_gnss(
-    p: Parameters, c: Core, first: int, last: int, supported: bool, reset_time_sigma: float, drifted_for_s: float
-) -> None:
-    """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
-
-    Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
-    GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
-    Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
-    which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
-    """
-    # along all axes at once: the metres east are those at the latitude before
-    if first == 0:
-        displace(c, bias_free_innovation(c, 0), bias_free_innovation(c, 1), 0.0)
-    if last == 3:
-        displace(c, 0.0, 0.0, bias_free_innovation(c, 2))
-    for i in range(first, last):
-        z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
-        decorrelate(c, POSITION + i, (p.tuning.reset_sigmas * sigma) ** 2 + p.tuning.reset_position_sigma**2)
-        clear_gnss_bias(c, i, sigma * sigma)
-        inflate_position(c, i, z * z)
-        c.scratch.position_innovation[i] = 0.0
-        if not supported:
-            add_variance(c, VELOCITY + i, p.tuning.reset_velocity_sigma**2)
-            if i < 2 and drifted_for_s > 0.0:
-                inflate_velocity(c, i, ((z - c.integrity.reject_offset[i]) / drifted_for_s) ** 2)
-    if first == 0 and not supported:
-        add_variance(c, ATTITUDE + 2, p.tuning.reset_heading_sigma**2)
-        c.integrity.reset_score += 1
-    if first == 0:
-        add_variance(c, TIME_OFFSET, reset_time_sigma * reset_time_sigma)
-
-
-@kernel
-def inflate_after_outage(p: Parameters, c: Core, nis: float) -> None:
-    """At the first position after an outage, of this NIS: P is multiplied by the mean of what it was too small by.
-
-    The errors grew as those of the IMU, of which a sheet says little: they are of Student's t, given P.
-    """
-    freedom = p.tuning.outage_freedom
-    inflate(c, max((freedom + nis) / (freedom + 2.0), 1.0))
-
-
-@kernel
-def inflate_to_fix(c: Core, nis: float) -> None:
-    """Multiply P by the NIS of a position that was rejected after an outage, so that it is used.
-
-    What has grown together (position, velocity, tilt, biases) is corrected together, which a reset of the position
-    would undo. The receiver may be wrong instead, so the difference is stated as an error, as at a reset.
-    """
-    inflate(c, nis)
-    for i in range(2):
-        inflate_position(c, i, bias_free_innovation(c, i) ** 2)
-
-
-@kernel
-def allow_for_wrong_velocity(c: Core) -> None:
-    """No drift of positions lasts so long: the velocity that supported the estimate was wrong, and it goes on."""
-    for i in range(2):
-        add_variance(c, VELOCITY + i, c.drift.velocity[i] ** 2)
-        add_variance(c, GNSS_VELOCITY_BIAS + i, c.drift.velocity[i] ** 2)
-
-
-@kernel
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
@@ -367,7 +272,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     if not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
         inflate_to_fix(c, nis)
     else:
-        reset_to_gnss(p, c, 0, 2, supported, p.tuning.reset_time_sigma, consistent_s)
+        reset_to_gnss(p, c, 0, 2, supported, consistent_s)
     if either:
         allow_for_wrong_velocity(c)
     reset_glr_tests(c)
@@ -390,7 +295,7 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
         or 1e-9 * (c.nav.t_ns - g.reject_start_ns[VERTICAL]) <= p.tuning.reset_s
     ):
         return False
-    reset_to_gnss(p, c, 2, 3, c.stationarity.at_rest != 0, 0.0, 0.0)
+    reset_to_gnss(p, c, 2, 3, c.stationarity.at_rest != 0, 0.0)
     g.reject_count[VERTICAL] = 0
     return True
 

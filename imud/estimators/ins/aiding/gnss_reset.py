@@ -1,0 +1,122 @@
+"""What a GNSS position that was rejected, or that comes after an outage, does to the estimate once it is used.
+
+Either P was too small, and is multiplied, or the position is set to the fix and loses its correlations. `gnss_gate`
+decides when.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..ekf import add_variance, decorrelate, inflate
+from ..integrity.reset_inflation import inflate_position, inflate_velocity
+from ..mechanization import displace
+from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, POSITION, TIME_OFFSET, VELOCITY
+from .gnss_noise import clear_gnss_bias
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+
+TUNABLES = (
+    Tunable(
+        "reset_sigmas",
+        2.0,
+        "sigma",
+        "Sigma of the position after a reset, in sigmas of the fix.",
+        "What was rejected for long may be wrong again.",
+    ),
+    Tunable(
+        "outage_freedom",
+        4.0,
+        "",
+        "Degrees of freedom of Student's t, the distribution of the errors that grow in an outage.",
+        "Simulated outages with faults of the IMU.",
+    ),
+    Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside that.", "Choice."),
+    Tunable(
+        "reset_velocity_sigma",
+        2.0,
+        "m/s",
+        "Sigma added to a velocity that nothing supports, at a reset.",
+        "Choice.",
+    ),
+    Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
+    Tunable(
+        "reset_time_sigma",
+        0.2,
+        "s",
+        "Sigma added to the time offset when the filter is reset to rejected positions.",
+        "Choice.",
+    ),
+)
+
+
+@kernel
+def bias_free_innovation(c: Core, axis: int) -> float:
+    """Innovation of the position along an axis, m, without the estimated GNSS bias."""
+    return float(c.scratch.position_innovation[axis] + c.nav.gnss_bias[axis])
+
+
+@kernel
+def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool, drifted_for_s: float) -> None:
+    """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
+
+    Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
+    GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
+    Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
+    which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
+    """
+    # along all axes at once: the metres east are those at the latitude before
+    if first == 0:
+        displace(c, bias_free_innovation(c, 0), bias_free_innovation(c, 1), 0.0)
+    if last == 3:
+        displace(c, 0.0, 0.0, bias_free_innovation(c, 2))
+    for i in range(first, last):
+        z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
+        decorrelate(c, POSITION + i, (p.tuning.reset_sigmas * sigma) ** 2 + p.tuning.reset_position_sigma**2)
+        clear_gnss_bias(c, i, sigma * sigma)
+        inflate_position(c, i, z * z)
+        c.scratch.position_innovation[i] = 0.0
+        if not supported:
+            add_variance(c, VELOCITY + i, p.tuning.reset_velocity_sigma**2)
+            if i < 2 and drifted_for_s > 0.0:
+                inflate_velocity(c, i, ((z - c.integrity.reject_offset[i]) / drifted_for_s) ** 2)
+    if first == 0 and not supported:
+        add_variance(c, ATTITUDE + 2, p.tuning.reset_heading_sigma**2)
+        c.integrity.reset_score += 1
+    if first == 0:
+        add_variance(c, TIME_OFFSET, p.tuning.reset_time_sigma**2)
+
+
+@kernel
+def inflate_after_outage(p: Parameters, c: Core, nis: float) -> None:
+    """At the first position after an outage, of this NIS: P is multiplied by the mean of what it was too small by.
+
+    The errors grew as those of the IMU, of which a sheet says little: they are of Student's t, given P.
+    """
+    freedom = p.tuning.outage_freedom
+    inflate(c, max((freedom + nis) / (freedom + 2.0), 1.0))
+
+
+@kernel
+def inflate_to_fix(c: Core, nis: float) -> None:
+    """Multiply P by the NIS of a position that was rejected after an outage, so that it is used.
+
+    What has grown together (position, velocity, tilt, biases) is corrected together, which a reset of the position
+    would undo. The receiver may be wrong instead, so the difference is stated as an error, as at a reset.
+    """
+    inflate(c, nis)
+    for i in range(2):
+        inflate_position(c, i, bias_free_innovation(c, i) ** 2)
+
+
+@kernel
+def allow_for_wrong_velocity(c: Core) -> None:
+    """No drift of positions lasts so long: the velocity that supported the estimate was wrong, and it goes on."""
+    for i in range(2):
+        add_variance(c, VELOCITY + i, c.drift.velocity[i] ** 2)
+        add_variance(c, GNSS_VELOCITY_BIAS + i, c.drift.velocity[i] ** 2)

@@ -273,6 +273,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         inflate_to_fix(c, nis)
     else:
         reset_to_gnss(p, c, 0, 2, supported, consistent_s)
+        g.reset_score += 0.0 if supported else 1.0
     if either:
         allow_for_wrong_velocity(c)
     reset_glr_tests(c)

@@ -87,7 +87,6 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
                 inflate_velocity(c, i, ((z - c.integrity.reject_offset[i]) / drifted_for_s) ** 2)
     if first == 0 and not supported:
         add_variance(c, ATTITUDE + 2, p.tuning.reset_heading_sigma**2)
-        c.integrity.reset_score += 1
     if first == 0:
         add_variance(c, TIME_OFFSET, p.tuning.reset_time_sigma**2)
 

@@ -54,6 +54,7 @@ INS = {
     "VelocityDrift": glr_tests.VELOCITY_DRIFT,
     "ChordPoint": integrity.CHORD_POINT,
     "VelocityDiscrepancy": integrity.VELOCITY_DISCREPANCY,
+    "VelocityLag": integrity.VELOCITY_LAG,
     "TimeOffsetStep": glr_tests.TIME_OFFSET_STEP,
     "CompassOffset": glr_tests.COMPASS_OFFSET,
     "Current": glr_tests.CURRENT,

@@ -93,13 +93,31 @@ def averaged(d, fixes, time_s, velocities):
     fixes["lat"] += north / m[k]
     fixes["lon"] += east / (n[k] * np.cos(d.lat[k]))
     fixes["height"] -= down
-    if velocities:
-        change = (v - d.v)[k]
-        fixes["v"] += change
-        level = fixes["speed"][:, None] * np.column_stack([np.cos(fixes["course"]), np.sin(fixes["course"])])
-        level += change[:, :2]
-        fixes["speed"] = np.hypot(*level.T)
-        fixes["course"] = np.arctan2(level[:, 1], level[:, 0])
+    return with_velocity_error(fixes, (v - d.v)[k]) if velocities else fixes
+
+
+def tracked(d, fixes, time_s):
+    """What a receiver makes of positions and velocities that assumes a steady velocity: late by a change of it alone.
+
+    A filter of second order with two equal poles, at 1 / time_s: at an acceleration a its velocity is off by
+    2 a time_s, its position by a time_s^2.
+    """
+    rate, error, lag, of_v, of_p = 1.0 / time_s, np.zeros(3), np.zeros(3), np.zeros_like(d.v), np.zeros_like(d.v)
+    for i in range(1, len(d.v)):
+        error = error + (d.v[i - 1] - d.v[i]) - rate * rate * lag / RATE
+        lag = lag + (error - 2.0 * rate * lag) / RATE
+        of_v[i], of_p[i] = error, lag
+    k = np.clip(np.round((fixes["t_ns"] * 1e-9 - 100.0) * RATE).astype(int), 0, len(d.t) - 1)
+    return with_velocity_error(shifted(d, fixes, *(of_p[k] * [1.0, 1.0, -1.0]).T), of_v[k])
+
+
+def with_velocity_error(fixes, error):
+    """Fixes whose velocities err so."""
+    fixes["v"] += error
+    level = fixes["speed"][:, None] * np.column_stack([np.cos(fixes["course"]), np.sin(fixes["course"])])
+    level += error[:, :2]
+    fixes["speed"] = np.hypot(*level.T)
+    fixes["course"] = np.arctan2(level[:, 1], level[:, 0])
     return fixes
 
 
@@ -191,6 +209,8 @@ ERRORS = {
     "coarse": on_samples(coarse),
     "averaged": on_fixes(lambda d, fixes, _: averaged(d, fixes, 1.0, velocities=False)),
     "averaged both": on_fixes(lambda d, fixes, _: averaged(d, fixes, 0.5, velocities=True)),
+    "tracked": on_fixes(lambda d, fixes, _: tracked(d, fixes, 0.5)),
+    "tracked fast": on_fixes(lambda d, fixes, _: tracked(d, fixes, 0.2)),
     "multipath": on_fixes(multipath),
     "creeping": on_fixes(creeping),
     "held": on_fixes(held),

@@ -30,7 +30,7 @@ from .glr_tests.records import (
     TIME_OFFSET_STEP,
     VELOCITY_DRIFT,
 )
-from .integrity.records import GRAVITY_MONITOR, INTEGRITY, VELOCITY_DISCREPANCY
+from .integrity.records import GRAVITY_MONITOR, INTEGRITY, VELOCITY_DISCREPANCY, VELOCITY_LAG
 from .state import (
     AIDING_RING,
     BANKS,
@@ -338,6 +338,7 @@ STATE = np.dtype(
         ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),  # by kind; change with new measurements only
         ("fix_age", FIX_AGE),  # changes with new fixes only
         ("velocity_discrepancy", VELOCITY_DISCREPANCY),  # the same
+        ("velocity_lag", VELOCITY_LAG),  # the same
         ("imu_ring", STORED_SAMPLE, (IMU_RING,)),
         ("aiding_ring", STORED_MEASUREMENT, (AIDING_RING,)),  # in the order of their times
         ("aiding_start", "<i8"),  # measurements no longer kept: the number of the oldest that is

@@ -15,7 +15,7 @@ from ..tuning import Tunable
 from .aiding.gnss_noise import horizontal_sigma
 from .aiding.gnss_time import reset_time_offsets
 from .aiding.source_age import learn_age
-from .alignment.fix_age import is_fix_age_found, learn_fix_age, mean_square_error, use_fix_age
+from .alignment.fix_age import forget_fix_age, is_fix_age_found, learn_fix_age, mean_square_error, use_fix_age
 from .alignment.modes import HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .bias_changes import begin_bias_changes
@@ -33,8 +33,9 @@ from .fusion_horizon import (
     store_snapshot_if_due,
 )
 from .glr_tests.compass_offset import open_compass_offset
-from .gnss_fix import find_heading_anew, fuse_gnss, is_usable, set_noise
+from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
+from .integrity.velocity_lag import detect_late_velocity, learn_lag, remove_late_velocity, split_time_offsets
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -133,9 +134,14 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if s.sample_count == 0 or not is_usable(fix):
         return 0
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
+    late = False
     if fix.t_ns >= s.last_epoch_ns and not too_new:
-        learn_fix_age(p, s, fix)
         compare_with_positions(p, c, s.velocity_discrepancy, fix)
+        learn_lag(p, c, s.velocity_lag, s.velocity_discrepancy, fix)
+        late = detect_late_velocity(p, s.velocity_lag)
+        learn_fix_age(p, s, fix, s.velocity_lag.late == 0)
+        if late:
+            forget_fix_age(s.fix_age)
     found = is_fix_age_found(p, s.fix_age)
     if found:
         s.last_time_offset = s.fix_age.age
@@ -147,11 +153,16 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
         use_fix_age(p, c, s.fix_age, fix)
+    if late:
+        begin_without_velocity(p, c, fix)
+    elif s.velocity_lag.late == 0:
+        split_time_offsets(p, c, s.velocity_lag)
     judge_discrepancy(p, c, s.velocity_discrepancy)
     c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
     remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
+    remove_late_velocity(s.velocity_lag, s.aiding_ring[k % AIDING_RING].fix)
     return fuse_from(p, s, k, snapshots, innovations)
 
 

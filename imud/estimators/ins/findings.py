@@ -13,6 +13,10 @@ _ANTENNA_ELSEWHERE = (
     "the fixes show an antenna that is not where navigation.lever_arm_m says: measure it again; gnss_lever_arm_x_m, … "
     "of `imud status` are what was found"
 )
+_LATE_VELOCITY = (
+    "the receiver's velocity lags behind its own positions, as it smooths it, and is not used: set a livelier dynamic "
+    "model in the receiver, or switch its smoothing off"
+)
 _ELSEWHERE_M, _ELSEWHERE_SIGMAS = 0.5, 4.0
 _ARM_IN_P = [interpreted(packed_index)(STATES, k, k) for k in range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3)]
 
@@ -22,7 +26,12 @@ def findings(parameters: Records, state: Records) -> tuple[str, ...]:
     c = state["core"][0, 0]
     nhc = c["nhc"]
     is_dropped = parameters["vehicle"][0] == LAND and nhc["disable_count"] > 0 and not nhc["enabled"]
-    return (*((_NO_LAND_VEHICLE,) if is_dropped else ()), *((_ANTENNA_ELSEWHERE,) if _is_elsewhere(c) else ()))
+    found = {
+        _NO_LAND_VEHICLE: is_dropped,
+        _ANTENNA_ELSEWHERE: _is_elsewhere(c),
+        _LATE_VELOCITY: state["velocity_lag"]["late"][0] != 0,
+    }
+    return tuple(text for text, is_so in found.items() if is_so)
 
 
 def _is_elsewhere(c: np.void) -> bool:

@@ -204,6 +204,17 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
 
 
 @kernel
+def begin_without_velocity(p: Parameters, c: Core, fix: Fix) -> None:
+    """The receiver's velocity is late: what was found with it is wrong, but for a heading that a compass gives anew."""
+    clear_contradictions(c)
+    if c.alignment.mode == NAVIGATING:
+        change_mode(p, c, HEADING_WRONG)
+    reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
+    restart_in_motion_alignment(c)
+    reset_to_fix(p, c, fix)
+
+
+@kernel
 def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, innovations: list[Innovation]) -> int:
     """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written.
 

@@ -73,7 +73,14 @@ from .glr_tests import (
     time_offset_step,
     velocity_drift,
 )
-from .integrity import alternating_receiver, frozen_receiver, gravity_monitor, heading_monitor, velocity_discrepancy
+from .integrity import (
+    alternating_receiver,
+    frozen_receiver,
+    gravity_monitor,
+    heading_monitor,
+    velocity_discrepancy,
+    velocity_lag,
+)
 from .state import AUTO, FREE, LAND
 
 VEHICLES = {"free": FREE, "auto": AUTO, "land": LAND}
@@ -137,6 +144,7 @@ TUNABLES = (
     *gnss_drift.TUNABLES,
     *velocity_drift.TUNABLES,
     *velocity_discrepancy.TUNABLES,
+    *velocity_lag.TUNABLES,
     *compass_offset.TUNABLES,
     *time_offset_step.TUNABLES,
     *gyro_bias_step.TUNABLES,

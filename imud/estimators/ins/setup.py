@@ -100,6 +100,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     for name in ("last_epoch_ns", "last_fusion_ns"):
         s[name] = NEVER_NS
     s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
+    s["velocity_lag"]["last_ns"] = NEVER_NS
     s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS
     s["source_ages"]["last_ns"] = NEVER_NS
     s["source_ages"]["probability"] = t["age_prior"] / (AGES - 1)

@@ -116,15 +116,9 @@ class Tuning:
     burst_s: float
     reset_count: int
     reset_s: float
-    reset_sigmas: float
-    outage_freedom: float
     max_inflation: float
-    reset_position_sigma: float
-    reset_velocity_sigma: float
-    reset_heading_sigma: float
     consistency_gate: float
     drift_reset_s: float
-    reset_time_sigma: float
     max_reject_s: float
     max_drift_speed: float
     inertial_velocity_error: float
@@ -134,6 +128,12 @@ class Tuning:
     min_velocity_reject_s: float
     max_reset_score: float
     reset_score_decay: float
+    reset_sigmas: float
+    outage_freedom: float
+    reset_position_sigma: float
+    reset_velocity_sigma: float
+    reset_heading_sigma: float
+    reset_time_sigma: float
     time_tag_tolerance_s: float
     reported_epoch_sigma: float
     survey_sigma: float
@@ -304,6 +304,14 @@ class Tuning:
     discrepancy_rejects: int
     velocity_lag_sigma: float
     trapezoid_share: float
+    lag_memory_s: float
+    lag_scale_sigma: float
+    lag_sigmas: float
+    max_velocity_lag_s: float
+    lag_tolerance_s: float
+    lag_noise_weight: float
+    min_lag_pairs: float
+    lost_lag_s: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
     wide_boresight_chi2: float

@@ -326,6 +326,21 @@ class VelocityDiscrepancy:
     verdict: int
 
 
+class VelocityLag:
+    last_ns: int
+    repeated: int
+    pairs: float
+    change2: float
+    cross: float
+    travel2: float
+    change_sum: float
+    travel_sum: float
+    energy: float
+    lag: float
+    variance: float
+    late: int
+
+
 class TimeOffsetStep:
     onset_ns: int
     information: float
@@ -724,6 +739,7 @@ class State:
     source_ages: list[SourceAge]
     fix_age: FixAge
     velocity_discrepancy: VelocityDiscrepancy
+    velocity_lag: VelocityLag
     imu_ring: list[StoredSample]
     aiding_ring: list[StoredMeasurement]
     aiding_start: int

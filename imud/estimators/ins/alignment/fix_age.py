@@ -168,10 +168,10 @@ def residual_energy(g: FixAge, i: int) -> tuple[float, float]:
 
 
 @kernel
-def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
+def compare_ages(p: Parameters, s: State, fix: Fix, with_velocity: bool) -> None:
     """Add the pair of the last fix and this one at each age.
 
-    Without a reported velocity that of the fix, and of the integrals, are the means since the last fix.
+    Without a reported velocity that is used, that of the fix, and of the integrals, are the means since the last fix.
     """
     g, c = s.fix_age, s.core[0]
     dt = 1e-9 * (fix.t_ns - g.last_ns) if g.last_ns != NEVER_NS else math.inf
@@ -182,7 +182,7 @@ def compare_ages(p: Parameters, s: State, fix: Fix) -> None:
     if not paired or restarted or not is_levelled(p, c):
         g.integrals[:] = math.nan
     vn, ve = velocity_of(p, fix, 0), velocity_of(p, fix, 1)
-    reported = math.isfinite(vn) and math.isfinite(ve)
+    reported = with_velocity and math.isfinite(vn) and math.isfinite(ve)
     noise = 2.0 * c.gnss.velocity_noise_var / (dt * dt) if reported else 6.0 * c.gnss.noise_var[HORIZONTAL] / dt**4
     if not reported:
         north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
@@ -256,15 +256,24 @@ def find_posterior(p: Parameters, c: Core, g: FixAge) -> None:
 
 
 @kernel
-def learn_fix_age(p: Parameters, s: State, fix: Fix) -> None:
-    """Compare a fix at all ages, before the rewind to its epoch; only while the heading is sought."""
+def forget_fix_age(g: FixAge) -> None:
+    """Nothing is known of the age."""
+    g.last_ns, g.origin_ns, g.probability, g.variance = NEVER_NS, NEVER_NS, 0.0, 0.0
+
+
+@kernel
+def learn_fix_age(p: Parameters, s: State, fix: Fix, with_velocity: bool) -> None:
+    """Compare a fix at all ages, before the rewind to its epoch; only while the heading is sought.
+
+    with_velocity: the velocity that it reports is used.
+    """
     g, c = s.fix_age, s.core[0]
     if c.alignment.mode != COARSE_ALIGNMENT or c.alignment.heading_sigma > 0.0:
-        g.last_ns, g.origin_ns, g.probability, g.variance = NEVER_NS, NEVER_NS, 0.0, 0.0
+        forget_fix_age(g)
         return
     if g.last_ns != NEVER_NS and 1e-9 * (fix.t_ns - g.last_ns) < p.tuning.pair_min_s:
         return
-    compare_ages(p, s, fix)
+    compare_ages(p, s, fix, with_velocity)
     find_posterior(p, c, g)
 
 

@@ -34,7 +34,7 @@ from .reset_inflation import inflate_position
 
 if TYPE_CHECKING:
     from ...types import Fix
-    from ..types import Core, Parameters, VelocityDiscrepancy
+    from ..types import ChordPoint, Core, Parameters, VelocityDiscrepancy
 
 CHORDS = (1, 2, 4, 8, 16)  # lengths in points
 # verdicts: of the second and the third either may be wrong; the velocity is used in the first two
@@ -93,13 +93,19 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
 
 
 @kernel
+def chord_variance(p: Parameters, c: Core, a: ChordPoint, b: ChordPoint, t: float, sigma: float) -> float:
+    """Variance, m^2, of what the sum changes by from point a to b, t s later; sigma: of the position, m."""
+    bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
+    return float(2.0 * (c.gnss.noise_var[HORIZONTAL] + bias2) + b.variance - a.variance)
+
+
+@kernel
 def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, sigma: float) -> Vector:
     """Rate north and east over the n points until point `last`, m/s, and its variance; sigma: of the position, m."""
     a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
     t = 1e-9 * (b.t_ns - a.t_ns)
     lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
-    bias2 = c.drift.noise_scale * sigma**2 * (1.0 - elementary.exp(-t / p.tuning.gnss_bias_time_s))
-    r = 2.0 * (c.gnss.noise_var[HORIZONTAL] + bias2) + b.variance - a.variance + lag2
+    r = chord_variance(p, c, a, b, t, sigma) + lag2
     return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
 
 

@@ -1,0 +1,170 @@
+"""By how much a receiver's velocity lags behind its own positions, found from fixes alone.
+
+A receiver that smooths its velocity reports it late, one that averages its positions reports these late. Where the
+velocity is that of a time lag before the position, the way from fix to fix less the integral of the velocity changes by
+the lag times the change of the velocity (`velocity_discrepancy` has that sum):
+
+    S = lag dv + scale v dt + noise
+
+Least squares over the pairs of points of the last minutes give the lag; the scale, as of a velocity in other units, is
+eliminated with a prior. The variance of the noise is that of the residuals, with the stated one as a prior, so that
+jumps of the positions are no evidence.
+
+A lag of some tenths of a second is an error state of the filter (VELOCITY_TIME_OFFSET). A velocity that is later for
+certain is smoothed as well, and is not used: neither its time nor its size is known. Positions that are later than the
+velocity are used, with time offsets that fit the lag.
+
+Source: weighted least squares with exponential forgetting (Ljung, System Identification, 2nd ed., 11.2).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imud.drivers import elementary
+
+from ....compile.jit import kernel
+from ...records import NEW_RECEIVER
+from ...tuning import Tunable
+from ..aiding.gnss_noise import horizontal_sigma
+from ..ekf import add_covariance, add_variance, covariance, decorrelate, variance
+from ..mechanization import displace
+from ..state import CHORD_POINTS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from .velocity_discrepancy import chord_variance
+
+if TYPE_CHECKING:
+    from ...types import Fix
+    from ..types import Core, Parameters, VelocityDiscrepancy, VelocityLag
+
+TUNABLES = (
+    Tunable("lag_memory_s", 300.0, "s", "Time constant of the sums over pairs of fixes.", "Choice."),
+    Tunable("lag_scale_sigma", 0.3, "", "Sigma of the scale of a receiver's velocity, less one.", "Knots, feet."),
+    Tunable("lag_sigmas", 3.0, "sigma", "What is beyond one of the next two by so many is certain.", "Choice."),
+    Tunable("max_velocity_lag_s", 0.3, "s", "Largest lag of a velocity that is used.", "Recorded receivers: 0.13 s."),
+    Tunable("lag_tolerance_s", 0.2, "s", "Error of the lag that the filter finds by itself.", "Simulated receivers."),
+    Tunable("lag_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
+    Tunable("min_lag_pairs", 8.0, "pairs", "Pairs of fixes from which a lag is found.", "Choice."),
+    Tunable("lost_lag_s", 3.0, "s", "A lag that is larger is another fault.", "Choice."),
+)
+
+
+@kernel
+def forget_pairs(g: VelocityLag) -> None:
+    """Another receiver: whether its velocity is late is found anew; until then what was found before counts."""
+    g.change2 = g.cross = g.travel2 = g.change_sum = g.travel_sum = g.energy = g.pairs = g.variance = 0.0
+
+
+@kernel
+def learn_lag(p: Parameters, c: Core, g: VelocityLag, d: VelocityDiscrepancy, fix: Fix) -> None:
+    """After a fix was compared with the positions: add the last two points of that.
+
+    Not at rest, where there is less noise, and not of a repeated position, which is late, but not for good.
+    """
+    if fix.flags & NEW_RECEIVER != 0:
+        forget_pairs(g)
+    b = d.points[(d.count - 1) % CHORD_POINTS]
+    if d.count < 1 or b.t_ns == g.last_ns:
+        return
+    repeated = g.repeated + d.repeated
+    g.last_ns, g.repeated = b.t_ns, d.repeated
+    if d.count < 2 or repeated != 0 or c.stationarity.at_rest != 0:
+        return
+    a = d.points[(d.count - 2) % CHORD_POINTS]
+    t = 1e-9 * (b.t_ns - a.t_ns)
+    weight = 1.0 / chord_variance(p, c, a, b, t, horizontal_sigma(p, fix))
+    decay = elementary.exp(-t / p.tuning.lag_memory_s)
+    change2 = cross = travel2 = change_sum = travel_sum = energy = 0.0
+    for i in range(2):
+        change, travel, s = (
+            b.velocity[i] - a.velocity[i],
+            0.5 * t * (a.velocity[i] + b.velocity[i]),
+            b.sum[i] - a.sum[i],
+        )
+        change2 += change * change
+        cross += change * travel
+        travel2 += travel * travel
+        change_sum += change * s
+        travel_sum += travel * s
+        energy += s * s
+    g.change2 = decay * g.change2 + weight * change2
+    g.cross = decay * g.cross + weight * cross
+    g.travel2 = decay * g.travel2 + weight * travel2
+    g.change_sum = decay * g.change_sum + weight * change_sum
+    g.travel_sum = decay * g.travel_sum + weight * travel_sum
+    g.energy = decay * g.energy + weight * energy
+    g.pairs = decay * g.pairs + 1.0
+    find_lag(p, g)
+
+
+@kernel
+def find_lag(p: Parameters, g: VelocityLag) -> None:
+    """Least squares: g.lag, g.variance; a variance of 0 where nothing is known."""
+    scale = g.travel2 + 1.0 / p.tuning.lag_scale_sigma**2
+    information = g.change2 - g.cross * g.cross / scale
+    g.variance = 0.0
+    if g.pairs < p.tuning.min_lag_pairs or information <= 1e-6 * g.change2:
+        return
+    vector = g.change_sum - g.cross * g.travel_sum / scale
+    g.lag = vector / information
+    residual = g.energy - g.travel_sum * g.travel_sum / scale - vector * g.lag
+    weight = p.tuning.lag_noise_weight
+    g.variance = (residual + weight) / (2.0 * g.pairs - 2.0 + weight) / information
+
+
+@kernel
+def lag_beyond(p: Parameters, g: VelocityLag, expected: float, tolerance: float) -> float:
+    """What the lag differs by from the expected one, s, if that is beyond the tolerance for certain; else 0."""
+    away = g.lag - expected
+    certain = abs(away) - p.tuning.lag_sigmas * math.sqrt(g.variance)
+    if g.variance == 0.0 or certain < tolerance or abs(g.lag) > p.tuning.lost_lag_s:
+        return 0.0
+    return away
+
+
+@kernel
+def detect_late_velocity(p: Parameters, g: VelocityLag) -> bool:
+    """After a fix: set whether its velocity is late; returns whether it was not before."""
+    if g.late == 0:
+        g.late = 1 if lag_beyond(p, g, 0.0, p.tuning.max_velocity_lag_s) > 0.0 else 0
+        return g.late != 0
+    if g.variance > 0.0 and g.lag + p.tuning.lag_sigmas * math.sqrt(g.variance) < p.tuning.max_velocity_lag_s:
+        g.late = 0
+    return False
+
+
+@kernel
+def remove_late_velocity(g: VelocityLag, fix: Fix) -> None:
+    """Take the velocity out of a fix if it is late."""
+    if g.late != 0:
+        fix.speed = fix.course = math.nan
+        for i in range(3):
+            fix.v[i] = fix.sigma_v[i] = math.nan
+
+
+@kernel
+def split_time_offsets(p: Parameters, c: Core, g: VelocityLag) -> None:
+    """While navigating: time offsets that fit the lag, if it contradicts them; that of the velocity itself is kept.
+
+    P += s^2 u u', with 1 at TIME_OFFSET, -1 at VELOCITY_TIME_OFFSET and the velocity at POSITION in u: an offset and a
+    displacement along the track cancel in every position.
+    """
+    d = -lag_beyond(p, g, c.nav.velocity_time_offset, p.tuning.lag_tolerance_s)
+    if d == 0.0 or c.alignment.mode != NAVIGATING:
+        return
+    v, s2 = c.nav.v_n, g.variance + (p.tuning.time_offset_step_sigma * d) ** 2
+    of_velocity = variance(c, TIME_OFFSET) + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
+    of_velocity += variance(c, VELOCITY_TIME_OFFSET)
+    decorrelate(c, TIME_OFFSET, max(of_velocity, 0.0))
+    decorrelate(c, VELOCITY_TIME_OFFSET, 0.0)
+    c.nav.time_offset += d
+    c.nav.velocity_time_offset -= d
+    displace(c, d * v[0], d * v[1], d * v[2])
+    add_variance(c, TIME_OFFSET, s2)
+    add_variance(c, VELOCITY_TIME_OFFSET, s2)
+    add_covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET, -s2)
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])
+        add_covariance(c, POSITION + i, TIME_OFFSET, s2 * v[i])
+        add_covariance(c, POSITION + i, VELOCITY_TIME_OFFSET, -s2 * v[i])

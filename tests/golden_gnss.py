@@ -284,6 +284,26 @@ def wrong_lever_arm_of_a_survey():
 
 
 @golden("navigation")
+def smoothed_velocity():
+    """It lags by a second behind the positions; then another receiver, whose velocity does not."""
+    d = road()
+    samples, fixes = sensed(d, random(91)), received(d, random(92), lag=1.0)
+    other = int(np.flatnonzero(fixes["t_ns"] * 1e-9 > 175.0)[0])
+    fixes[other:] = received(d, random(92))[other:]
+    fixes["flags"][other] = NEW_RECEIVER
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
+def positions_behind_their_velocity():
+    """By a second: each is that of the fix before."""
+    samples, fixes = data(seed=93)
+    for name in ("lat", "lon", "height"):
+        fixes[name][1:] = fixes[name][:-1].copy()
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
 def late_fixes():
     """Some later than can be rewound, some out of order, some of the future, some that cannot be true."""
     samples, fixes = data(seed=13)

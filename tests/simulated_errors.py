@@ -96,7 +96,7 @@ def averaged(d, fixes, time_s, velocities):
     return with_velocity_error(fixes, (v - d.v)[k]) if velocities else fixes
 
 
-def tracked(d, fixes, time_s):
+def smoothed(d, fixes, time_s):
     """What a receiver makes of positions and velocities that assumes a steady velocity: late by a change of it alone.
 
     A filter of second order with two equal poles, at 1 / time_s: at an acceleration a its velocity is off by
@@ -209,8 +209,8 @@ ERRORS = {
     "coarse": on_samples(coarse),
     "averaged": on_fixes(lambda d, fixes, _: averaged(d, fixes, 1.0, velocities=False)),
     "averaged both": on_fixes(lambda d, fixes, _: averaged(d, fixes, 0.5, velocities=True)),
-    "tracked": on_fixes(lambda d, fixes, _: tracked(d, fixes, 0.5)),
-    "tracked fast": on_fixes(lambda d, fixes, _: tracked(d, fixes, 0.2)),
+    "smoothed 0.5 s": on_fixes(lambda d, fixes, _: smoothed(d, fixes, 0.5)),
+    "smoothed 0.2 s": on_fixes(lambda d, fixes, _: smoothed(d, fixes, 0.2)),
     "multipath": on_fixes(multipath),
     "creeping": on_fixes(creeping),
     "held": on_fixes(held),

@@ -35,7 +35,7 @@ from .fusion_horizon import (
 from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
-from .integrity.velocity_lag import detect_late_velocity, learn_lag, remove_late_velocity, split_time_offsets
+from .integrity.velocity_lag import detect_late_velocity, fit_time_offsets, learn_lag, remove_late_velocity
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -156,7 +156,7 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if late:
         begin_without_velocity(p, c, fix)
     elif s.velocity_lag.late == 0:
-        split_time_offsets(p, c, s.velocity_lag)
+        fit_time_offsets(p, c, s.velocity_lag)
     judge_discrepancy(p, c, s.velocity_discrepancy)
     c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)

@@ -1,4 +1,4 @@
-"""The initial uncertainty of the time offset, which depends on the source of the epochs.
+"""The time offset of the fixes: its initial uncertainty depends on the source of the epochs.
 
 The epochs of a survey (post-processed, centimetres) are exact, unless its log is off by some tenths of a second
 throughout; a filter that assumed zero offset would then turn its heading instead. So the time offset of a survey is
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import decorrelate, standard_deviation
-from ..state import EXACT_EPOCHS, REPORTED_EPOCHS, TIME_OFFSET, UNCONFIRMED_EPOCHS, VELOCITY_TIME_OFFSET
+from ..ekf import add_covariance, covariance, decorrelate, standard_deviation, variance
+from ..mechanization import displace
+from ..state import EXACT_EPOCHS, POSITION, REPORTED_EPOCHS, TIME_OFFSET, UNCONFIRMED_EPOCHS, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -54,10 +55,32 @@ TUNABLES = (
 
 
 @kernel
-def set_time_offset(c: Core, seconds: float, variance: float) -> None:
-    """Set the time offset, with `variance` (s^2)."""
+def set_time_offset(c: Core, seconds: float, var: float) -> None:
+    """Set the time offset, with the variance var (s^2)."""
     c.nav.time_offset = seconds
-    decorrelate(c, TIME_OFFSET, variance)
+    decorrelate(c, TIME_OFFSET, var)
+
+
+@kernel
+def move_time_offset(c: Core, d: float, var: float) -> None:
+    """Positions are late by d more, s, of variance var (s^2), and velocities are not: the estimate moves by v d.
+
+    P += var u u', with 1 at TIME_OFFSET, -1 at VELOCITY_TIME_OFFSET and the velocity at POSITION in u: an offset and a
+    displacement along the track cancel in every position.
+    """
+    v = c.nav.v_n
+    of_velocity = variance(c, TIME_OFFSET) + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
+    of_velocity += variance(c, VELOCITY_TIME_OFFSET)
+    set_time_offset(c, c.nav.time_offset + d, max(of_velocity, 0.0) + var)
+    c.nav.velocity_time_offset -= d
+    decorrelate(c, VELOCITY_TIME_OFFSET, var)
+    add_covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET, -var)
+    displace(c, d * v[0], d * v[1], d * v[2])
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, POSITION + i, POSITION + k, var * v[i] * v[k])
+        add_covariance(c, POSITION + i, TIME_OFFSET, var * v[i])
+        add_covariance(c, POSITION + i, VELOCITY_TIME_OFFSET, -var * v[i])
 
 
 @kernel

@@ -28,9 +28,8 @@ from ....compile.jit import kernel
 from ...records import NEW_RECEIVER
 from ...tuning import Tunable
 from ..aiding.gnss_noise import horizontal_sigma
-from ..ekf import add_covariance, add_variance, covariance, decorrelate, variance
-from ..mechanization import displace
-from ..state import CHORD_POINTS, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY_TIME_OFFSET
+from ..aiding.gnss_time import move_time_offset
+from ..state import CHORD_POINTS, NAVIGATING
 from .velocity_discrepancy import chord_variance
 
 if TYPE_CHECKING:
@@ -143,28 +142,8 @@ def remove_late_velocity(g: VelocityLag, fix: Fix) -> None:
 
 
 @kernel
-def split_time_offsets(p: Parameters, c: Core, g: VelocityLag) -> None:
-    """While navigating: time offsets that fit the lag, if it contradicts them; that of the velocity itself is kept.
-
-    P += s^2 u u', with 1 at TIME_OFFSET, -1 at VELOCITY_TIME_OFFSET and the velocity at POSITION in u: an offset and a
-    displacement along the track cancel in every position.
-    """
+def fit_time_offsets(p: Parameters, c: Core, g: VelocityLag) -> None:
+    """While navigating: time offsets that fit the lag, if it contradicts them."""
     d = -lag_beyond(p, g, c.nav.velocity_time_offset, p.tuning.lag_tolerance_s)
-    if d == 0.0 or c.alignment.mode != NAVIGATING:
-        return
-    v, s2 = c.nav.v_n, g.variance + (p.tuning.time_offset_step_sigma * d) ** 2
-    of_velocity = variance(c, TIME_OFFSET) + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)
-    of_velocity += variance(c, VELOCITY_TIME_OFFSET)
-    decorrelate(c, TIME_OFFSET, max(of_velocity, 0.0))
-    decorrelate(c, VELOCITY_TIME_OFFSET, 0.0)
-    c.nav.time_offset += d
-    c.nav.velocity_time_offset -= d
-    displace(c, d * v[0], d * v[1], d * v[2])
-    add_variance(c, TIME_OFFSET, s2)
-    add_variance(c, VELOCITY_TIME_OFFSET, s2)
-    add_covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET, -s2)
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, POSITION + i, POSITION + k, s2 * v[i] * v[k])
-        add_covariance(c, POSITION + i, TIME_OFFSET, s2 * v[i])
-        add_covariance(c, POSITION + i, VELOCITY_TIME_OFFSET, -s2 * v[i])
+    if d != 0.0 and c.alignment.mode == NAVIGATING:
+        move_time_offset(c, d, g.variance + (p.tuning.time_offset_step_sigma * d) ** 2)

@@ -10,6 +10,7 @@ from imud.estimators.ins.findings import findings
 from imud.estimators.records import HEADING_VALID, NEW_RECEIVER, POSITION_VALID
 
 D = Later(drive, 180.0, speed=12.0)
+SETTINGS = {"vehicle": [0], "lever_arm_is_set": [1]}
 
 
 def fixes_with(lag_s, seed, every=0.2):
@@ -70,8 +71,8 @@ def test_a_velocity_that_lags_by_a_second_is_not_used_and_makes_nothing_wrong_an
 
 def test_it_is_a_finding():
     _, _, _, state = run(fixes_with(1.0, 7))
-    assert "lags behind its own positions" in findings({"vehicle": [0]}, state)[0]
-    assert findings({"vehicle": [0]}, run(fixes_with(0.1, 7))[3]) == ()
+    assert "lags behind its own positions" in findings(SETTINGS, state)[0]
+    assert findings(SETTINGS, run(fixes_with(0.1, 7))[3]) == ()
 
 
 def test_positions_that_lag_by_a_second_have_a_time_offset_of_a_second():

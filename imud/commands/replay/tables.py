@@ -54,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     _summary(samples, fixes, fed, skipped, time.perf_counter() - begin)
     for finding in counted(filter_.health):
         print(f"imud replay: {args.imu}: {finding}", file=sys.stderr)
+    for finding in filter_.findings():
+        print(f"imud replay: {finding}", file=sys.stderr)
     if args.gnss is not None and not len(fixes):
         print(f"imud replay: {args.gnss}: no fix in it", file=sys.stderr)
     elif len(fixes) and (late_ns := float(np.median(fixes["arrival_ns"] - fixes["t_ns"]))) > TOO_LATE_NS:

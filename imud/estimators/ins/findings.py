@@ -9,9 +9,12 @@ from .state import GNSS_LEVER_ARM, LAND, NAVIGATING, STATES
 
 _NO_LAND_VEHICLE = 'the vehicle moves sideways, or up and down: navigation.vehicle = "land" is not used'
 
+_FOUND = "; gnss_lever_arm_x_m, … of the filter's states are what was found"
 _ANTENNA_ELSEWHERE = (
-    "the fixes show an antenna that is not where navigation.lever_arm_m says: measure it again; gnss_lever_arm_x_m, … "
-    "of `imud status` are what was found"
+    f"the fixes show an antenna that is not where navigation.lever_arm_m says: measure it again{_FOUND}"
+)
+_ANTENNA_AWAY = (
+    f"the fixes show an antenna away from the sensor, and navigation.lever_arm_m is not set: measure and set it{_FOUND}"
 )
 _LATE_VELOCITY = (
     "the receiver's velocity lags behind its own positions, as it smooths it, and is not used: set a livelier dynamic "
@@ -28,7 +31,7 @@ def findings(parameters: Records, state: Records) -> tuple[str, ...]:
     is_dropped = parameters["vehicle"][0] == LAND and nhc["disable_count"] > 0 and not nhc["enabled"]
     found = {
         _NO_LAND_VEHICLE: is_dropped,
-        _ANTENNA_ELSEWHERE: _is_elsewhere(c),
+        _ANTENNA_ELSEWHERE if parameters["lever_arm_is_set"][0] else _ANTENNA_AWAY: _is_elsewhere(c),
         _LATE_VELOCITY: state["velocity_lag"]["late"][0] != 0,
     }
     return tuple(text for text, is_so in found.items() if is_so)

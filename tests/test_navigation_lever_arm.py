@@ -357,3 +357,13 @@ def test_the_lever_arm_moves_the_antenna_as_the_body_turned_when_the_velocity_wa
     assert c["scratch"]["velocity_epoch"]["by_lever_arm"] == pytest.approx(expected, abs=0.02)
     now = Rotation.from_rotvec([0.0, 0.0, angle[40]]).as_matrix() @ [[0, -rate[40], 0], [rate[40], 0, 0], [0, 0, 0]]
     assert np.abs(now - expected).max() > 0.2
+
+
+def test_the_finding_of_a_lever_arm_that_is_not_set_does_not_say_that_it_is():
+    rng, d = np.random.default_rng(3), drive(120.0)
+    samples = sensed(d, rng)
+    fixes = at_antenna(d, received(d, rng, late=0.2), TRUE + np.array([0.0, 2.0, 0.0]))
+    filter_ = new_filter("navigation", samples, Settings())
+    replay(filter_, samples, fixes)
+    (text,) = filter_.findings()
+    assert "away from the sensor, and navigation.lever_arm_m is not set" in text

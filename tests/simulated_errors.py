@@ -158,6 +158,25 @@ def held(_, fixes, rng):
     return fixes
 
 
+def static_hold(_, fixes, __):
+    """Below 0.5 m/s, as it reports it, the position stands still and the velocity is zero."""
+    speed = np.where(np.isfinite(fixes["speed"]), fixes["speed"], np.hypot(*fixes["v"][:, :2].T))
+    for i in np.flatnonzero(speed[1:] < 0.5) + 1:
+        for name in ("lat", "lon", "height"):
+            fixes[name][i] = fixes[name][i - 1]
+    slow = speed < 0.5
+    fixes["v"][slow] *= 0.0
+    fixes["speed"][slow] *= 0.0
+    return fixes
+
+
+def mixed_epochs(_, fixes, __):
+    """Its velocity is that of the fix before: NMEA's RMC or VTG ahead of the GGA of its epoch."""
+    for name in ("v", "speed", "course"):
+        fixes[name][1:] = fixes[name][:-1].copy()
+    return fixes
+
+
 def rounded(_, fixes, __):
     """Three digits of a minute (1.9 m), and velocities of 0.1 m/s."""
     step = np.radians(1e-3 / 60.0)
@@ -213,6 +232,8 @@ ERRORS = {
     "smoothed 0.2 s": on_fixes(lambda d, fixes, _: smoothed(d, fixes, 0.2)),
     "multipath": on_fixes(multipath),
     "creeping": on_fixes(creeping),
+    "static hold": on_fixes(static_hold),
+    "mixed epochs": on_fixes(mixed_epochs),
     "held": on_fixes(held),
     "rounded": on_fixes(rounded),
     "arrival": on_fixes(stamped_at_arrival),

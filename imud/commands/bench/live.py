@@ -21,7 +21,9 @@ _PYTHON = "once a second Python checks silence, clients and health, and stores t
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"
-_GARBAGE = "a first collection also frees what the interpreter keeps for reuse, and finds nothing in the processor's caches"
+_GARBAGE = (
+    "a first collection also frees what the interpreter keeps for reuse, and finds nothing in the processor's caches"
+)
 _KERNELS = "a kernel is missing in `imud/compilation.py`"
 
 

@@ -42,12 +42,13 @@ def warm_decoders(plugins_only: bool = False) -> None:
 
 
 def warm_loop() -> None:
-    """Compile, or load, the daemon's fast loop."""
+    """Compile, or load, the daemon's fast loop, and what looks at its sensor's health."""
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)
         fast_loop.note(0)
         outputs.publish(np.zeros(1, SOLUTION), 1, 0, 0)
+    recent_findings(new_health(profile_of(Settings()), _RATE_HZ))
 
 
 def warm(estimator: Estimator, settings: Settings) -> None:
@@ -58,7 +59,6 @@ def warm(estimator: Estimator, settings: Settings) -> None:
     filter_.pending_innovations()
     if estimator.aid is not None:
         filter_.aid(np.zeros(1, MEASUREMENT))
-    recent_findings(filter_.health)
 
 
 def warm_replay(estimator: Estimator, settings: Settings) -> None:

@@ -128,10 +128,16 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
         arrivals.append(arrival_ns)
         return 1
 
-    fakes = {"epoll_wait": lambda *_: 1, "clock_ns": lambda *_: now_ns, "read": read_slowly, "ingest": ingest}
+    fakes = {
+        "epoll_wait": lambda *_: 1,
+        "set_timer": lambda *_: None,
+        "clock_ns": lambda *_: now_ns,
+        "read": read_slowly,
+        "ingest": ingest,
+    }
     for name, fake in fakes.items():
         monkeypatch.setattr(f"imud.daemon.fast_loop.{name}", fake)
-    fast_loop = SimpleNamespace(fd=0, epoll=0, events_address=0, time_address=0, check_ns=NEVER_NS)
+    fast_loop = SimpleNamespace(fd=0, epoll=0, timer=0, more=0, events_address=0, time_address=0, check_ns=NEVER_NS)
     pipeline = SimpleNamespace(rx=0, fill=0)
     assert interpreted(_run_until_event)([fast_loop], [pipeline], None, NEVER_NS, NEVER_NS, 0) == 1
     assert arrivals == [7]
@@ -167,6 +173,20 @@ def test_a_late_batch_is_left_to_be_judged(rig):
     rig.turn()
     assert next(rig.states).seq == 103  # nobody published the others
     assert rig.outputs.stream.dropped == 0
+
+
+def test_more_bytes_than_one_reading_takes_are_all_read_though_no_others_come(rig):
+    rig.begin()
+    rig.frames(300)  # 6600 bytes
+    rig.turn(max_batch=BATCH)
+    assert rig.samples == 302
+
+
+def test_bytes_left_by_a_turn_that_ended_are_read_in_the_next(rig):
+    rig.begin()
+    rig.frames(300)
+    first, second = rig.turn(for_ns=LONG_NS, max_batch=9), rig.turn(for_ns=LONG_NS, max_batch=9)
+    assert first > 100 and second > 100 and first + second == 300
 
 
 def test_a_solution_that_is_to_be_shown_comes_back_published(rig):

@@ -12,6 +12,7 @@ from .jit import NumbaObject, inlined, kernel
 
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1
 EAGAIN = 11
+_TFD_TIMER_ABSTIME = 1
 
 
 def _function(name: str, returns: str, *arguments: str) -> Any:
@@ -29,6 +30,7 @@ epoll_wait: Any = _function("epoll_wait", "int32", "int32", "int64", "int32", "i
 pwrite: Any = _function("pwrite", "int64", "int32", "int64", "int64", "int64")
 read: Any = _function("read", "int64", "int32", "int64", "int64")
 send: Any = _function("send", "int64", "int32", "int64", "int64", "int32")
+_timerfd_settime: Any = _function("timerfd_settime", "int32", "int32", "int32", "int64", "int64")
 _clock_gettime: Any = _function("clock_gettime", "int32", "int32", "int64")
 _errno_location: Any = _function("__errno_location", "int64")
 
@@ -45,6 +47,15 @@ def clock_ns(clock: int, scratch: int) -> int:
     _clock_gettime(clock, scratch)
     time = carray(pointer(scratch), 2, np.int64)
     return int(time[0] * 1_000_000_000 + time[1])
+
+
+@kernel
+def set_timer(file: int, at_ns: int, scratch: int) -> None:
+    """Have a timerfd expire once, at a time of its clock, at once if it is past. scratch: address of 32 bytes."""
+    time = carray(pointer(scratch), 4, np.int64)
+    time[0] = time[1] = 0  # no period
+    time[2], time[3] = max(at_ns, 1) // 1_000_000_000, max(at_ns, 1) % 1_000_000_000  # 0 would disarm it
+    _timerfd_settime(file, _TFD_TIMER_ABSTIME, scratch, 0)
 
 
 def _pointer(numba: Any) -> Any:

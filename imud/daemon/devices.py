@@ -16,6 +16,7 @@ from imud.drivers.transport.line import KnownDevice
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..math.arrays import Records
+from ..outputs.connection import NEVER_NS
 from ..outputs.view import Device
 from ..process import garbage
 from ..process.contained import ContainedErrors
@@ -152,7 +153,8 @@ class Devices:
     def tick(self, gap_ns: int, now_ns: int) -> int:
         """Check streams, compare spares, forward corrections, save the state.
 
-        gap_ns: time since the fast loop's last check. Returns when a sensor will have been silent for too long.
+        gap_ns: time since the fast loop's last check. Returns when a receiver will have been silent for too long; the
+        fast loop notices the silence of what it reads.
         """
         self._stream_check.tick(gap_ns, now_ns)
         for port, sensor in [*self.in_use.all(), *self.spares.sensors.items()]:
@@ -173,7 +175,8 @@ class Devices:
         if self.in_use.imu:
             port, sensor = self.in_use.imu
             self._store.save_when_due(sensor.configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
-        return min([self._stream_check.silent_from_ns(sensor) + 1 for _, sensor in self.in_use.all()], default=now_ns)
+        receivers = self.in_use.receivers()
+        return min([self._stream_check.silent_from_ns(each) + 1 for each in receivers], default=NEVER_NS)
 
     def _compare(self, port: Port, sensor: Inertial) -> None:
         """Compare all inertial sensors, and replace the one in use if it is wrong.

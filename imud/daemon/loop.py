@@ -20,6 +20,7 @@ from ..configuration.settings import Settings
 from ..errors import ImudError
 from ..estimators import registry
 from ..outputs.all import Outputs
+from ..outputs.connection import NEVER_NS
 from ..process import garbage, realtime
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
     from .aiding_input import AidingInput
 
 _TICK_NS = 100_000_000  # period of what is not urgent,
-_QUIET_TICK_NS = 500_000_000  # and while all is settled: then the fast loop notices changes
+_QUIET_TICK_NS = 1_000_000_000  # and while all is settled: then the fast loop notices changes
 _FLUSH_NS = 20_000_000  # between two looks whether the epoch of a fix has ended by silence
-_NEVER_NS = (1 << 63) - 1
 _INTERRUPTED, _HUNG_UP = 130, 129
 
 
@@ -128,7 +128,7 @@ class Daemon:
             compilation.warm(registry.by_name(name), self._settings)
 
     def _serve(self) -> None:
-        flush_ns = _NEVER_NS
+        flush_ns = NEVER_NS
         self._fast_loop.note(time.monotonic_ns())
         while self._exit is None:
             unpublished = self._run_until_event(min(self._tick_ns, flush_ns))
@@ -148,8 +148,8 @@ class Daemon:
                 self._tick_all(now_ns)
             gnss = self._devices.in_use.gnss
             if not (gnss and gnss.sensor.decoder.pending):
-                flush_ns = _NEVER_NS
-            elif now_ns >= flush_ns or flush_ns == _NEVER_NS:
+                flush_ns = NEVER_NS
+            elif now_ns >= flush_ns or flush_ns == NEVER_NS:
                 flush_ns = now_ns + _FLUSH_NS
 
     @property

@@ -9,6 +9,8 @@ import ctypes
 import gc
 import sys
 
+_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # here, as what CDLL makes is part of a reference cycle
+
 
 def set_aside() -> None:
     """Collect garbage, and exempt what is left from later collections. Call it when nobody waits for a sample.
@@ -18,5 +20,5 @@ def set_aside() -> None:
     sys.path_importer_cache.clear()  # the names of all files in Python's folders; a later import lists them again
     gc.collect()
     gc.freeze()
-    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
-        trim(ctypes.c_size_t(0))
+    if _trim:
+        _trim(ctypes.c_size_t(0))

@@ -134,15 +134,19 @@ class Inertial:
         if now_ns - self.last_data_ns > self.stale_ns:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
-        clock = (_BEYOND[name] for name in self.out_of_limits() if name != "temperature_c")
         share = self.rate_monitor.share if self.rate_monitor else None
         other_rate = () if share in (None, 1.0) else (_OTHER_RATE,)
-        return (*damaged, *other_rate, *clock, *self.reading_faults())
+        beyond = (_BEYOND[name] for name in self.out_of_limits())
+        return (*damaged, *other_rate, *beyond, *self._faults_found())
 
     def reading_faults(self) -> tuple[str, ...]:
         """Those that make its readings wrong: none of its line or clock, nor of a machine that is too busy."""
         beyond = (_BEYOND[name] for name in self.out_of_limits() if name == "temperature_c")
-        return (*beyond, *words(recent_findings(self.pipeline.filter.health)), *self._reported_faults())
+        return (*beyond, *self._faults_found())
+
+    def _faults_found(self) -> tuple[str, ...]:
+        """Those that its samples show, and those that it reports."""
+        return (*words(recent_findings(self.pipeline.filter.health)), *self._reported_faults())
 
     def out_of_limits(self) -> tuple[str, ...]:
         """Which quantities are beyond their limits, by their names in `LIMITS`."""

@@ -17,11 +17,13 @@ from .table import Section
 
 _WARM_UP = 3000  # frames before the measurement: the detection listens, caches fill
 _TRACED = 2000  # frames
-_PYTHON = "twice a second Python checks silence, clients and health, and once it stores the filter's state"
+_PYTHON = "once a second Python checks silence, clients and health, and stores the filter's state"
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"
-_GARBAGE = "the first collection takes some five times as long as a second one of the same objects; why is not known"
+_GARBAGE = (
+    "a first collection also frees what the interpreter keeps for reuse, and finds nothing in the processor's caches"
+)
 _KERNELS = "a kernel is missing in `imud/compilation.py`"
 
 

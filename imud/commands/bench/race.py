@@ -87,8 +87,8 @@ class Contestant:
         return seq
 
     def cpu_ns(self) -> int:
-        """Time on a processor so far."""
-        return int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[0])
+        """Processor time of all its threads so far, those that have ended, too."""
+        return time.clock_gettime_ns(~self.pid << 3 | 2)  # the clock that clock_getcpuclockid(3) names
 
     def status_mb(self, name: str) -> float:
         """Of /proc/PID/status, such as VmRSS."""

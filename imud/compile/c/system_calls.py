@@ -8,7 +8,7 @@ PRELUDE = """#define _GNU_SOURCE
 #define _FILE_OFFSET_BITS 64
 """
 
-_HEADERS = ("errno.h", "sys/epoll.h", "sys/socket.h", "time.h", "unistd.h")
+_HEADERS = ("errno.h", "sys/epoll.h", "sys/socket.h", "sys/timerfd.h", "time.h", "unistd.h")
 _BODIES = {  # name -> parameters, statements
     "epoll_wait": (
         "int32_t file, int64_t events, int32_t n, int32_t timeout_ms",
@@ -21,6 +21,11 @@ _BODIES = {  # name -> parameters, statements
         "int32_t clock, int64_t to",
         "struct timespec now; int failed = clock_gettime(clock, &now); int64_t *t = AT(to);"
         " t[0] = now.tv_sec; t[1] = now.tv_nsec; return failed;",
+    ),
+    "timerfd_settime": (
+        "int32_t file, int32_t flags, int64_t from, int64_t to",
+        "const int64_t *t = AT(from); struct itimerspec at = {{t[0], t[1]}, {t[2], t[3]}};"
+        " return timerfd_settime(file, flags, &at, AT(to));",
     ),
     "__errno_location": ("void", "return (int64_t)(intptr_t)&errno;"),
 }

@@ -25,7 +25,7 @@ CHECKPOINT = np.dtype(
 
 
 def checkpoint(state: Records) -> Records:
-    """A copy (1 element) of what `resume` needs."""
+    """What `resume` needs (1 element)."""
     s, saved = state[0], np.zeros(1, CHECKPOINT)
     for name in SNAPSHOT.names or ():
         saved["core"][name] = s["core"][name]

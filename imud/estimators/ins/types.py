@@ -507,6 +507,7 @@ class Odometer:
     corrections: Reals
     used_corrections: Reals
     step: float
+    step_speed: float
     inflation: float
     used_share: float
     unused: int

@@ -3,7 +3,8 @@
 A rejected reading has two explanations: the wheels are wrong, or the velocity is. For the second P is inflated, if most
 readings were used lately. The accelerometer decides how a reading may return: where readings have left the integrated
 force faster than its error allows, the wheels became wrong at once, and only their return ends it: a reading near the
-estimate, by P without that inflation. Else the inflated velocity passes the gate, and the wheels correct it. A reading
+estimate, by P without that inflation. A slip is a share of the speed, so it shrinks as the vehicle brakes, which is no
+return. Else the inflated velocity passes the gate, and the wheels correct it. A reading
 that repeats the last one, to the last digit, while by the integrated force the speed has changed, or for much longer
 than ever before, is that of a sensor that has stopped: none is used until it changes.
 """
@@ -80,7 +81,7 @@ TUNABLES = (
         "odometer_return",
         0.5,
         "",
-        "Share of such a step of the innovation below which the wheels may have returned.",
+        "Share of such a step of the innovation, at the present speed, below which the wheels may have returned.",
         "Choice: nearer to none than to all of it.",
         high=1.0,
     ),
@@ -135,6 +136,30 @@ def error_since_used(c: Core, forward: Vector, z: float) -> float:
 
 
 @kernel
+def speed_of(c: Core) -> float:
+    """Estimated speed, m/s."""
+    v = c.nav.v_n
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@kernel
+def step_noise(p: Parameters, r: float) -> float:
+    """Largest change, m/s, between two readings of this variance that their noise explains."""
+    return math.sqrt(2.0 * p.tuning.odometer_gate * r)
+
+
+@kernel
+def return_limit(p: Parameters, c: Core, r: float) -> float:
+    """Error, m/s, below which readings that became wrong at once may have returned; r: variance of a reading.
+
+    A constant error keeps its size; a slip is a share of the speed.
+    """
+    g = c.odometer
+    size = g.step * min(speed_of(c) / max(g.step_speed, p.tuning.odometer_dead_speed), 1.0)
+    return p.tuning.odometer_return * max(size, step_noise(p, r))
+
+
+@kernel
 def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> None:
     """At a rejected reading: did the readings leave the integrated force at once? z: innovation, m/s; r: variance.
 
@@ -144,10 +169,10 @@ def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> N
     g = c.odometer
     if g.step > 0.0 or g.last_used_ns == NEVER_NS:
         return
-    most = math.sqrt(2.0 * p.tuning.odometer_gate * r)
+    most = step_noise(p, r)
     most += p.tuning.odometer_max_accel_error * 1e-9 * abs(c.nav.t_ns - g.last_used_ns)
     if abs(error_since_used(c, forward, z)) > most:
-        g.step, g.inflation = abs(z), 0.0
+        g.step, g.step_speed, g.inflation = abs(z), speed_of(c), 0.0
 
 
 @kernel
@@ -157,11 +182,13 @@ def step_gate(p: Parameters, c: Core, forward: Vector, z: float, s: float, r: fl
     Without the inflation P would let any reading pass.
     """
     g = c.odometer
-    if abs(error_since_used(c, forward, z)) < p.tuning.odometer_return * g.step:  # the readings are back at the force
-        g.step = g.inflation = 0.0
     if g.step == 0.0:
         return p.tuning.odometer_gate
-    near = abs(z) < p.tuning.odometer_return * g.step and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)
+    limit = return_limit(p, c, r)
+    if abs(error_since_used(c, forward, z)) < limit:  # the readings are back at the force
+        g.step = g.inflation = 0.0
+        return p.tuning.odometer_gate
+    near = abs(z) < limit and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)
     return p.tuning.odometer_gate if near else REJECT
 
 

@@ -102,6 +102,15 @@ def mostly_used(p: Parameters, c: Core) -> bool:
 
 
 @kernel
+def add_forward_variance(c: Core, forward: Vector, q: float) -> None:
+    """Add q, m^2/s^2, to the variance of the velocity along the forward axis."""
+    f = quat_rotate(quaternion(c), forward)
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
+
+
+@kernel
 def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
     """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
 
@@ -115,10 +124,7 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
     most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_inflation_time_s)
     q = min(most, p.tuning.odometer_inflation_psd) * min(dt, p.tuning.odometer_inflation_time_s)
     c.odometer.inflation += q
-    f = quat_rotate(quaternion(c), forward)
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
+    add_forward_variance(c, forward, q)
 
 
 @kernel
@@ -179,13 +185,16 @@ def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> N
 def step_gate(p: Parameters, c: Core, forward: Vector, z: float, s: float, r: float) -> float:
     """Gate of a reading with innovation z of variance s, r of the reading: while they are wrong at once, their return.
 
-    Without the inflation P would let any reading pass.
+    Without the inflation P would let any reading pass. Where readings are back at the integrated force and the estimate
+    is not, what has corrected it meanwhile is in doubt: a receiver that began to drift while the wheels slipped.
     """
     g = c.odometer
     if g.step == 0.0:
         return p.tuning.odometer_gate
-    limit = return_limit(p, c, r)
-    if abs(error_since_used(c, forward, z)) < limit:  # the readings are back at the force
+    limit, error = return_limit(p, c, r), abs(error_since_used(c, forward, z))
+    if error < limit:  # the readings are back at the force
+        if error < step_noise(p, r) and z * z > p.tuning.odometer_gate * s:
+            add_forward_variance(c, forward, z * z)
         g.step = g.inflation = 0.0
         return p.tuning.odometer_gate
     near = abs(z) < limit and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)

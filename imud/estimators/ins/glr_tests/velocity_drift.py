@@ -262,7 +262,7 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
     Its correction is in scratch.x then, not injected, and its velocity in `drift` of the record. explained_otherwise:
     sum of the normalised innovations squared that another cause explains; a drift has to explain more.
     """
-    g, best, most = c.velocity_drift, -1, 0.0
+    g, best, most, proof = c.velocity_drift, -1, explained_otherwise, 0.0
     g.last_ns = c.nav.t_ns
     for i in range(2):
         g.position_variance[i] = 0.0
@@ -273,12 +273,11 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
             north, east, _, _, _, chi2, explained = estimate_velocity_drift(p, c, j)
             if explained > explained_otherwise and chi2 > p.tuning.likely_velocity_drift_chi2:
                 state_likely_drift(c, j, north, east)
-            old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
-            speed = elementary.hypot(north, east)
-            proven = old_enough and speed > p.tuning.wheel_min_contradiction and explained > explained_otherwise
-            if proven and chi2 > most:
-                best, most = j, chi2
-    if most > p.tuning.velocity_drift_chi2:
+            if explained > most:
+                old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
+                fast = elementary.hypot(north, east) > p.tuning.wheel_min_contradiction
+                best, most, proof = j, explained, chi2 if old_enough and fast else 0.0
+    if proof > p.tuning.velocity_drift_chi2:
         north, east = remove_velocity_drift(p, c, best)
         store_drift(c, north, east)
         reset_velocity_drift(c)

@@ -4,7 +4,9 @@ Positions and velocities of such a receiver agree with each other, so without wh
 the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
 looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
-fix after which no drift is likely; the others are kept for longer.
+fix after which no drift is likely, or since which one was and the last fix contradicts it: a receiver that begins to
+drift now contradicts one that would have begun before, as the filter would have followed that. The others are kept for
+longer.
 
 When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. While it
 is likely, but not detected, the solution states V d as an error.
@@ -147,12 +149,28 @@ def open_velocity_drift(c: Core, j: int) -> None:
 
 
 @kernel
+def count_support(p: Parameters, c: Core, z: float, weight: float, axis: int) -> None:
+    """Store by how much the drift since the first onset explains the innovations of this fix better than none does.
+
+    The drift that the fixes before have shown. Arguments: see `add_to_velocity_drift`.
+    """
+    g = c.velocity_drift
+    if axis == VELOCITY_AXIS:
+        north, east, _, _, _, _, _ = estimate_velocity_drift(p, c, 0)
+        g.expected[0], g.expected[1], g.support = north, east, 0.0
+    mean = c.scratch.fault_innovation
+    expected = mean[column_of(0)] * g.expected[0] + mean[column_of(0) + 1] * g.expected[1]
+    g.support += weight * expected * (2.0 * z - expected)
+
+
+@kernel
 def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not, if it is a horizontal velocity; axis: see `fuse`."""
     g = c.velocity_drift
     if axis < VELOCITY_AXIS or g.onset_ns[0] == NEVER_NS:
         return
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.velocity_drift_correlation_s, 1.0) / s
+    count_support(p, c, z, weight, axis)
     mean = c.scratch.fault_innovation
     for j in range(ONSETS):
         north, east, turned = mean[column_of(j)], mean[column_of(j) + 1], mean[column_of(j) + 2]
@@ -288,14 +306,15 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
 
 @kernel
 def renew_onsets(p: Parameters, c: Core) -> None:
-    """Open the first onset anew unless a drift since then explains much; open anew those that are too old."""
+    """Open the first onset anew unless a drift since then explains much, and the last fix; the others if too old."""
     g, longest_s = c.velocity_drift, p.tuning.velocity_drift_onset_s
     for j in range(ONSETS):
         too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= longest_s
         renewed = too_old
         if j == 0 and not too_old:
             _, _, _, _, _, _, explained = estimate_velocity_drift(p, c, j)
-            renewed = explained < p.tuning.likely_velocity_drift_chi2
+            contradicted = g.confirmations >= p.tuning.heading_confirmations and g.support < 0.0
+            renewed = explained < p.tuning.likely_velocity_drift_chi2 or contradicted
         if renewed:
             open_velocity_drift(c, j)
         longest_s *= 2.0

@@ -234,6 +234,12 @@ def explained_by_velocity_drift(p: Parameters, c: Core) -> float:
 
 
 @kernel
+def drift_is_likely(c: Core) -> bool:
+    """Whether the last fix left such a drift likely."""
+    return bool(c.velocity_drift.position_variance[0] + c.velocity_drift.position_variance[1] > 0.0)
+
+
+@kernel
 def state_likely_drift(c: Core, j: int, north: float, east: float) -> None:
     """Store what the likely drift north and east, m/s, since onset j adds to the stated variances."""
     g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(j)

@@ -292,6 +292,7 @@ class Drift:
 
 class VelocityDrift:
     onset_ns: Integers
+    gap_s: Reals
     last_ns: int
     confirmations: int
     count: Reals

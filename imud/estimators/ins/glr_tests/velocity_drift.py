@@ -8,8 +8,9 @@ fix after which no drift is likely, or since which one was and the last fix cont
 drift now contradicts one that would have begun before, as the filter would have followed that. The others are kept for
 longer.
 
-When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. While it
-is likely, but not detected, the solution states V d as an error.
+When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. If there
+was no fix for a while after its onset, it may have begun at any time in that gap, which the position's variance gets.
+While it is likely, but not detected, the solution states V d as an error.
 
 Source: as `fault_sensitivity`.
 """
@@ -23,6 +24,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..ekf import add_variance
 from ..state import (
     ATTITUDE,
     EE,
@@ -173,6 +175,8 @@ def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int)
     count_support(p, c, z, weight, axis)
     mean = c.scratch.fault_innovation
     for j in range(ONSETS):
+        if g.count[j] == 0.0:
+            g.gap_s[j] = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
         north, east, turned = mean[column_of(j)], mean[column_of(j) + 1], mean[column_of(j) + 2]
         g.vector[j, 0] += weight * north * z
         g.vector[j, 1] += weight * east * z
@@ -263,6 +267,9 @@ def remove_velocity_drift(p: Parameters, c: Core, j: int) -> tuple[float, float]
     """Gather in scratch.x the correction for a drift since onset j, and add its covariance to P; the drift, m/s."""
     north, east, nn, ne, ee, _, _ = estimate_velocity_drift(p, c, j)
     remove_drift(c, column_of(j), (north, east), nn, ne, ee)
+    later2 = c.velocity_drift.gap_s[j] ** 2 / 3.0  # mean square of a time within the gap
+    add_variance(c, POSITION, north * north * later2)
+    add_variance(c, POSITION + 1, east * east * later2)
     return north, east
 
 
@@ -286,7 +293,7 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
     Its correction is in scratch.x then, not injected, and its velocity in `drift` of the record. explained_otherwise:
     sum of the normalised innovations squared that another cause explains; a drift has to explain more.
     """
-    g, best, most, proof = c.velocity_drift, -1, explained_otherwise, 0.0
+    g, best, most = c.velocity_drift, -1, 0.0
     g.last_ns = c.nav.t_ns
     for i in range(2):
         g.position_variance[i] = 0.0
@@ -297,11 +304,11 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
             north, east, _, _, _, chi2, explained = estimate_velocity_drift(p, c, j)
             if explained > explained_otherwise and chi2 > p.tuning.likely_velocity_drift_chi2:
                 state_likely_drift(c, j, north, east)
-            if explained > most:
-                old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
-                fast = elementary.hypot(north, east) > p.tuning.wheel_min_contradiction
-                best, most, proof = j, explained, chi2 if old_enough and fast else 0.0
-    if proof > p.tuning.velocity_drift_chi2:
+            fast = elementary.hypot(north, east) > p.tuning.wheel_min_contradiction
+            if fast and explained > explained_otherwise and chi2 > most:
+                best, most = j, chi2
+    waits = best >= 0 and 1e-9 * (c.nav.t_ns - g.onset_ns[best]) < p.tuning.min_velocity_drift_s
+    if most > p.tuning.velocity_drift_chi2 and not waits:
         north, east = remove_velocity_drift(p, c, best)
         store_drift(c, north, east)
         reset_velocity_drift(c)

@@ -157,7 +157,8 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
     if elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
-        if speed > 0.0 and not is_unconfirmed(c):
+        confirmed = c.velocity_drift.confirmations >= p.tuning.heading_confirmations
+        if speed > 0.0 and confirmed and not is_unconfirmed(c):
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
@@ -255,6 +256,5 @@ def drift_speed(p: Parameters, c: Core, r: float) -> float:
         return 0.0
     of_drift = g.z2 - (g.z_n**2 + g.z_e**2) / g.count
     of_heading = g.z2 - g.cross_sum**2 / g.v2
-    if of_heading - of_drift < p.tuning.wheel_evidence * r:
-        return 0.0
-    return elementary.hypot(g.z_n, g.z_e) / g.count
+    speed = elementary.hypot(g.z_n, g.z_e) / g.count
+    return speed if of_heading - of_drift > p.tuning.wheel_evidence * r and speed < p.tuning.max_drift_speed else 0.0

@@ -299,8 +299,6 @@ class VelocityDrift:
     energy: Reals
     vector: Tensor
     information: Tensor
-    expected: Reals
-    support: float
     drift: Reals
     position_variance: Reals
     velocity_variance: Reals

@@ -26,6 +26,7 @@ from ..glr_tests.gnss_drift import BY_WHEELS, clear_detection, declare_drift
 from ..glr_tests.velocity_drift import (
     count_confirmation,
     remove_most_likely_drift,
+    renew_contradicted_onset,
     reset_confirmations,
     reset_velocity_drift,
     store_drift,
@@ -150,6 +151,8 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
             clear_detection(c)
             reset_confirmations(c)
         return
+    s_n, s_e = velocity_innovation_variance(c, 0, accel_n, r), velocity_innovation_variance(c, 1, accel_e, r)
+    renew_contradicted_onset(p, c, (z_n, z_e), (s_n, s_e))
     turned = p.tuning.unconfirmed_heading_sigma
     would_show = contradicts(p, c, 0, turned * c.nav.v_n[1], accel_n, r)
     if would_show or contradicts(p, c, 1, turned * c.nav.v_n[0], accel_e, r):

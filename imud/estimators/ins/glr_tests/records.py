@@ -40,8 +40,6 @@ VELOCITY_DRIFT = np.dtype(  # the test for a receiver that drifts and says so in
         ("energy", "<f8", (ONSETS,)),  # sum of their normalised innovations squared
         ("vector", "<f8", (ONSETS, 3)),  # information times drift north and east, m/s, and heading step, rad
         ("information", "<f8", (ONSETS, 6)),  # their information: nn, ne, ee, nh, eh, hh
-        ("expected", "<f8", (2,)),  # m/s, the drift since the first onset before this fix
-        ("support", "<f8"),  # by it, of the sum of the normalised innovations squared of this fix
         ("drift", "<f8", (2,)),  # m/s, north and east, of the drift that was detected
         ("position_variance", "<f8", (2,)),  # m^2, what a likely drift adds to the stated variances
         ("velocity_variance", "<f8", (2,)),  # m^2/s^2

@@ -4,9 +4,9 @@ Positions and velocities of such a receiver agree with each other, so without wh
 the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
 looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
-fix after which no drift is likely, or since which one was and the last fix contradicts it: a receiver that begins to
-drift now contradicts one that would have begun before, as the filter would have followed that. The others are kept for
-longer.
+fix after which no drift is likely, or the last but one if one was since then and the last fix contradicts it: a receiver
+that begins to drift now contradicts one that would have begun before, as the filter would have followed that. The
+others are kept for longer.
 
 When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. If there
 was no fix for a while after its onset, it may have begun at any time in that gap, which the position's variance gets.
@@ -151,28 +151,12 @@ def open_velocity_drift(c: Core, j: int) -> None:
 
 
 @kernel
-def count_support(p: Parameters, c: Core, z: float, weight: float, axis: int) -> None:
-    """Store by how much the drift since the first onset explains the innovations of this fix better than none does.
-
-    The drift that the fixes before have shown. Arguments: see `add_to_velocity_drift`.
-    """
-    g = c.velocity_drift
-    if axis == VELOCITY_AXIS:
-        north, east, _, _, _, _, _ = estimate_velocity_drift(p, c, 0)
-        g.expected[0], g.expected[1], g.support = north, east, 0.0
-    mean = c.scratch.fault_innovation
-    expected = mean[column_of(0)] * g.expected[0] + mean[column_of(0) + 1] * g.expected[1]
-    g.support += weight * expected * (2.0 * z - expected)
-
-
-@kernel
 def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not, if it is a horizontal velocity; axis: see `fuse`."""
     g = c.velocity_drift
     if axis < VELOCITY_AXIS or g.onset_ns[0] == NEVER_NS:
         return
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.velocity_drift_correlation_s, 1.0) / s
-    count_support(p, c, z, weight, axis)
     mean = c.scratch.fault_innovation
     for j in range(ONSETS):
         if g.count[j] == 0.0:
@@ -220,6 +204,25 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
     determinant = pnn * pee - pne * pne
     chi2 = (pee * north * north - 2.0 * pne * north * east + pnn * east * east) / determinant
     return north, east, pnn, pne, pee, chi2, explained
+
+
+@kernel
+def renew_contradicted_onset(p: Parameters, c: Core, z: tuple[float, float], s: tuple[float, float]) -> None:
+    """Before a velocity is fused: open the first onset anew if a drift since then explains it worse than none does.
+
+    z, s: innovations of the fix, north and east, m/s, and their variances. Not of one that is proven, and only where
+    the heading is confirmed: a step of it would explain innovations, too.
+    """
+    g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(0)
+    if g.onset_ns[0] == NEVER_NS or g.confirmations < p.tuning.heading_confirmations:
+        return
+    north, east, _, _, _, chi2, _ = estimate_velocity_drift(p, c, 0)
+    if chi2 > p.tuning.velocity_drift_chi2:
+        return
+    mean_n = north - u[VELOCITY, n] * north - u[VELOCITY, n + 1] * east
+    mean_e = east - u[VELOCITY + 1, n] * north - u[VELOCITY + 1, n + 1] * east
+    if mean_n * (2.0 * z[0] - mean_n) / s[0] + mean_e * (2.0 * z[1] - mean_e) / s[1] < 0.0:
+        open_velocity_drift(c, 0)
 
 
 @kernel
@@ -319,15 +322,18 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
 
 @kernel
 def renew_onsets(p: Parameters, c: Core) -> None:
-    """Open the first onset anew unless a drift since then explains much, and the last fix; the others if too old."""
+    """Open the first onset anew unless a drift since then explains much; open anew those that are too old.
+
+    A gap without fixes does not age an onset: the first fix after it may be the first of a drift.
+    """
     g, longest_s = c.velocity_drift, p.tuning.velocity_drift_onset_s
     for j in range(ONSETS):
-        too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= longest_s
+        gap_s = g.gap_s[j] if g.count[j] > 0.0 else 0.0
+        too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) - gap_s >= longest_s
         renewed = too_old
         if j == 0 and not too_old:
             _, _, _, _, _, _, explained = estimate_velocity_drift(p, c, j)
-            contradicted = g.confirmations >= p.tuning.heading_confirmations and g.support < 0.0
-            renewed = explained < p.tuning.likely_velocity_drift_chi2 or contradicted
+            renewed = explained < p.tuning.likely_velocity_drift_chi2
         if renewed:
             open_velocity_drift(c, j)
         longest_s *= 2.0

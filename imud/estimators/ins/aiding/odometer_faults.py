@@ -20,6 +20,7 @@ from ...records import SPEED_VALUE
 from ...tuning import Tunable
 from ..ekf import add_covariance, innovation, innovation_variance
 from ..fusion import REJECT
+from ..glr_tests.velocity_drift import drift_is_likely
 from ..mechanization import quaternion
 from ..state import NEVER_NS, VELOCITY
 
@@ -260,4 +261,7 @@ def after_reading_over_ground(
         c.odometer.last_used_ns = m.t_ns
     elif not c.odometer.frozen:
         check_step(p, c, forward, z, r)
-        inflate_velocity(p, c, forward, z, dt)
+        if drift_is_likely(c) and abs(error_since_used(c, forward, z)) < step_noise(p, r):
+            add_forward_variance(c, forward, z * z)  # the receiver has moved the estimate
+        else:
+            inflate_velocity(p, c, forward, z, dt)

@@ -8,16 +8,15 @@ from test_navigation_aiding import estimated
 from test_navigation_odometer import ramped, readings, without
 from vehicle_simulation import RATE, ahead, smooth, way
 
-from imud.configuration.settings import Settings
 from imud.estimators.records import REJECTING
 
 STOP_S, DRIFT_S = 100.0, 104.5
 
 
 def stopping(seed, seconds=180.0, speed=10.0, wait_s=12.0, turn=0.0):
-    """(Drive, samples, fixes, wheel readings) of a car that turns about, stops, and drives on, with a `turn` of so many deg.
+    """(Drive, samples, fixes, wheel readings) of a car that turns about, stops, and drives on.
 
-    From STOP_S on it brakes by 2 m/s^2.
+    From STOP_S on it brakes by 2 m/s^2; turn: deg, when it drives on.
     """
     t, rng = np.arange(int(seconds * RATE)) / RATE, np.random.default_rng(seed)
     v = speed * np.clip((t - 30.0) / 5.0, 0.0, 1.0) * (1.0 - 0.2 * np.sin(t / 4.0) * (t < STOP_S - 8.0))

@@ -221,7 +221,8 @@ def sideslip_sigma(p: Parameters, c: Core, speed: float) -> float:
 def fuse_nhc(p: Parameters, c: Core) -> None:
     """Fuse lateral and vertical velocity above a minimum speed; disable the constraint if they contradict it.
 
-    Not while wheels and constraint agree on a receiver that drifts: it has moved the velocity that contradicts. The lateral velocity of the sensor is the lever arm times the rate of turn; tyres slip in proportion to their load.
+    The lateral velocity of the sensor is the lever arm times the rate of turn; tyres slip in proportion to their load.
+    Where a receiver that drifts is likely, it has moved the velocity that contradicts: the constraint stays.
     """
     h = c.nhc
     q = quaternion(c)

@@ -4,9 +4,8 @@ Positions and velocities of such a receiver agree with each other, so without wh
 the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
 looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
-fix after which no drift is likely, or the last but one if one was since then and the last fix contradicts it: a receiver
-that begins to drift now contradicts one that would have begun before, as the filter would have followed that. The
-others are kept for longer.
+fix after which no drift is likely, or the last but one if the last fix contradicts one since then that was: the filter
+would have followed a drift that began before, so one that begins now looks otherwise. The others are kept for longer.
 
 When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. If there
 was no fix for a while after its onset, it may have begun at any time in that gap, which the position's variance gets.

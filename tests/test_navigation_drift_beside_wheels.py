@@ -13,7 +13,7 @@ from imud.estimators.records import REJECTING
 STOP_S, DRIFT_S = 100.0, 104.5
 
 
-def stopping(seed, seconds=180.0, speed=10.0, wait_s=12.0, turn=0.0):
+def stopping(seed, seconds=180.0, speed=10.0, wait_s=12.0, turn=0.0, accel_psd=2e-3):
     """(Drive, samples, fixes, wheel readings) of a car that turns about, stops, and drives on.
 
     From STOP_S on it brakes by 2 m/s^2; turn: deg, when it drives on.
@@ -27,7 +27,7 @@ def stopping(seed, seconds=180.0, speed=10.0, wait_s=12.0, turn=0.0):
     rate += np.radians(turn) / 4.0 * ((t > stop + wait_s + 2.0) & (t < stop + wait_s + 6.0))
     yaw = 0.5 + np.cumsum(smooth(rate, 1.0)) / RATE
     d = way(t, ahead(v, yaw), yaw, 0.0 * t, 0.0 * t)
-    samples = sensed(d, rng, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
+    samples = sensed(d, rng, accel_psd=accel_psd, bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
     return d, samples, received(d, rng, late=0.1, sigma=1.2), readings(d, rng)
 
 
@@ -72,6 +72,14 @@ def test_a_receiver_that_begins_to_drift_as_the_vehicle_stops_has_no_stamps_that
     d, samples, fixes, rows = stopping(seed, turn=90.0)
     out, _ = estimated(samples, ramped(fixes, DRIFT_S, heading_at(d, DRIFT_S)), rows)
     assert np.hypot(*errors(d, out)[0][(d.t > DRIFT_S) & (d.t < DRIFT_S + 60.0), :2].T).max() < 10.0
+
+
+@pytest.mark.parametrize(("seed", "begin", "angle"), [(1, 112.5, 1.57), (2, 112.5, 0.8), (3, 113.5, -1.57)])
+def test_a_receiver_that_drifts_across_a_standing_vehicle_does_not_make_it_one_that_goes_sideways(seed, begin, angle):
+    """The constraint of a land vehicle holds the velocity across the way, of an accelerometer that is shaken."""
+    d, samples, fixes, rows = stopping(seed, turn=90.0, accel_psd=0.05)
+    out, _ = estimated(samples, ramped(fixes, begin, heading_at(d, begin) + angle), rows)
+    assert np.hypot(*errors(d, out)[0][(d.t > begin) & (d.t < begin + 60.0), :2].T).max() < 15.0
 
 
 def test_where_fixes_were_missing_the_drift_may_have_begun_at_any_time():

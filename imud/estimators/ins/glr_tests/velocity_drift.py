@@ -4,8 +4,8 @@ Positions and velocities of such a receiver agree with each other, so without wh
 the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
 looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
-fix after which no drift is likely, or the last but one if the last fix contradicts one since then that was: the filter
-would have followed a drift that began before, so one that begins now looks otherwise. The others are kept for longer.
+fix after which no drift is likely, or that before a fix which a drift since then does not explain: the filter would
+have followed a drift that began before, so one that begins now looks otherwise. The others are kept for longer.
 
 When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. If there
 was no fix for a while after its onset, it may have begun at any time in that gap, which the position's variance gets.
@@ -207,10 +207,10 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
 
 @kernel
 def renew_contradicted_onset(p: Parameters, c: Core, z: tuple[float, float], s: tuple[float, float]) -> None:
-    """Before a velocity is fused: open the first onset anew if a drift since then explains it worse than none does.
+    """Before a velocity is fused that contradicts the estimate: open the first onset anew unless it explains that.
 
-    z, s: innovations of the fix, north and east, m/s, and their variances. Not of one that is proven, and only where
-    the heading is confirmed: a step of it would explain innovations, too.
+    z, s: innovations of the fix, north and east, m/s, and their variances. Not of a drift that is proven, and only
+    where the heading is confirmed: a step of it would explain innovations, too.
     """
     g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(0)
     if g.onset_ns[0] == NEVER_NS or g.confirmations < p.tuning.heading_confirmations:
@@ -220,7 +220,9 @@ def renew_contradicted_onset(p: Parameters, c: Core, z: tuple[float, float], s: 
         return
     mean_n = north - u[VELOCITY, n] * north - u[VELOCITY, n + 1] * east
     mean_e = east - u[VELOCITY + 1, n] * north - u[VELOCITY + 1, n + 1] * east
-    if mean_n * (2.0 * z[0] - mean_n) / s[0] + mean_e * (2.0 * z[1] - mean_e) / s[1] < 0.0:
+    energy = z[0] * z[0] / s[0] + z[1] * z[1] / s[1]
+    explained = mean_n * (2.0 * z[0] - mean_n) / s[0] + mean_e * (2.0 * z[1] - mean_e) / s[1]
+    if energy > p.tuning.wheel_check_gate and explained < 0.5 * energy:
         open_velocity_drift(c, 0)
 
 

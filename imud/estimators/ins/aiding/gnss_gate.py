@@ -2,7 +2,9 @@
 
 After a jump the rejected positions are consistent with the estimated velocity; in a drift they contradict it more and
 more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
-where nothing but the IMU supports the velocity; after `max_reject_s` (with wheels `wheel_max_reject_s`) in any case.
+where nothing but the IMU supports the velocity; after `max_reject_s` (`wheel_max_reject_s` where a drift is detected,
+and wheels support the velocity) in any case. A velocity of the receiver that agrees supports the velocity however far
+off the positions are, wheels and a detected drift only as far as receivers drift.
 """
 
 from __future__ import annotations

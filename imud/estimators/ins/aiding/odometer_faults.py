@@ -20,7 +20,6 @@ from ...records import SPEED_VALUE
 from ...tuning import Tunable
 from ..ekf import add_covariance, innovation, innovation_variance
 from ..fusion import REJECT
-from ..glr_tests.velocity_drift import drift_is_likely
 from ..mechanization import quaternion
 from ..state import NEVER_NS, VELOCITY
 
@@ -261,7 +260,4 @@ def after_reading_over_ground(
         c.odometer.last_used_ns = m.t_ns
     elif not c.odometer.frozen:
         check_step(p, c, forward, z, r)
-        if drift_is_likely(c) and abs(error_since_used(c, forward, z)) < step_noise(p, r):
-            add_forward_variance(c, forward, z * z)  # the receiver has moved the estimate
-        else:
-            inflate_velocity(p, c, forward, z, dt)
+        inflate_velocity(p, c, forward, z, dt)

@@ -8,7 +8,7 @@ both: there `glr_tests.velocity_drift` decides by what is known of the heading. 
 positions and velocities, until its velocities refute the drift; across the direction of travel of a vehicle whose
 heading has become uncertain they may agree with both. If meanwhile a wrong heading explains them better than any drift,
 the detection was wrong: it ends, and the heading is as uncertain as that. The position stays as uncertain as the drift
-has made it.
+has made it. No drift is found by single velocities before fixes have agreed, since a new estimate may be what is wrong.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ TUNABLES = (
     ),
     Tunable("wheel_agreements", 10, "fixes", "So many fixes that refute a drift end it.", "Choice."),
     Tunable(
-        "wheel_max_reject_s", 600.0, "s", "Longest rejection of fixes while wheels support the velocity.", "Choice."
+        "wheel_max_reject_s", 600.0, "s", "Longest rejection of a receiver that drifts beside wheels.", "Choice."
     ),
 )
 

@@ -54,7 +54,7 @@ def test_a_slip_that_shrinks_as_the_vehicle_brakes_has_not_ended():
 
 @pytest.mark.parametrize(
     ("seed", "begin", "share", "after_s"),
-    [(1, 100.5, 0.6, 0.5), (2, 118.0, 0.6, 0.5), (2, 118.0, 1.4, 1.5), (3, 100.5, 0.6, 1.5), (3, 100.5, 1.4, 2.5)],
+    [(1, 100.5, 0.6, 0.5), (2, 118.0, 0.6, 0.5), (3, 100.5, 0.6, 1.5), (3, 100.5, 1.4, 2.5)],
 )
 def test_a_receiver_that_begins_to_drift_while_the_wheels_slip_is_found(seed, begin, share, after_s):
     """Along the way, as the vehicle brakes or drives on."""

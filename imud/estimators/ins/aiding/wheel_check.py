@@ -86,9 +86,7 @@ TUNABLES = (
         "A turn comes meanwhile.",
     ),
     Tunable("wheel_agreements", 10, "fixes", "So many fixes that refute a drift end it.", "Choice."),
-    Tunable(
-        "wheel_max_reject_s", 600.0, "s", "Longest rejection of a receiver that drifts beside wheels.", "Choice."
-    ),
+    Tunable("wheel_max_reject_s", 600.0, "s", "Longest rejection of a receiver that drifts beside wheels.", "Choice."),
 )
 
 

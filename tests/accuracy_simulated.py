@@ -2,7 +2,7 @@
 
     python tests/accuracy_simulated.py [--seeds 0-15] [--vehicles NAME,..] [--receivers NAME,..] [--step 0,0.5]
                                         [--warm-up 0.05] [--fault turn|outage|moving] [--errors none|all|NAME,..]
-                                        [--lever-arm-sigma auto] [--set KEY=VALUE,..] [--jobs 2]
+                                        [--wheels] [--lever-arm-sigma auto] [--set KEY=VALUE,..] [--jobs 2]
 
 22 vehicles (`simulated_vehicles`), four receivers; each seed draws way, sensor and receiver. The sensor is worse than
 the filter's noise profile: scale factors and misalignments, rates that depend on the force, a bias that warms up (by
@@ -16,7 +16,7 @@ start on.
 
 Faults, at the time of the step: the gyro turns by 150 deg too far in a second (turn); there are no fixes for 30 s, in
 which the gyro is off by 0.3 deg/s (outage); the first 70 s are missing, so that most start moving (moving).
-Errors: `simulated_errors`.
+Errors: `simulated_errors`. Wheels: vehicles on wheels, only these, have an odometer, 2 % off (1 sigma), with slips.
 """
 
 from __future__ import annotations
@@ -33,10 +33,12 @@ from navigation_runner import fixes_of, navigate, samples_of, settings_of
 from navigation_simulation import curvature, errors, moved
 from simulated_errors import ERRORS, part
 from simulated_vehicles import VEHICLES
-from vehicle_simulation import RATE, smooth
+from vehicle_simulation import RATE, slips, smooth
 
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
+from imud.batch import NO_MEASUREMENT
+from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, MEASUREMENT, ODOMETER_SOURCE, POSITION_VALID
 
+ON_WHEELS = ("city", "motorway", "motorcycle", "robot", "tram", "rally", "tractor", "bicycle", "forklift", "lorry")
 SECONDS, SETTLED_S, LIMIT_M, LIMIT_DEG, LIMIT_SIGMA = 240.0, 60.0, 5.0, 5.0, 4.0
 
 
@@ -111,6 +113,20 @@ def received(d, rng, name):
     return fixes_of(columns, n)
 
 
+def wheel_speeds(d, rng, sigma=0.05, every_s=0.1, late_s=0.02):
+    """MEASUREMENT rows of a wheel that tells backward from forward."""
+    k = np.arange(round(every_s * RATE), len(d.t), round(every_s * RATE))
+    ahead = np.sum(d.attitude[k].apply([1.0, 0.0, 0.0]) * d.v[k], axis=1)
+    turning = np.abs(ahead) > sigma  # a wheel that stands has no noise
+    rows = np.zeros(len(k), MEASUREMENT)
+    rows["t_ns"] = np.round(1e9 * (100.0 + d.t[k]))
+    rows["arrival_ns"] = rows["t_ns"] + round(1e9 * late_s)
+    rows["kind"], rows["value"], rows["sigma"] = ODOMETER_SOURCE, np.nan, np.nan
+    rows["value"][:, 0] = (1.0 + 0.02 * rng.standard_normal()) * ahead * slips(rng, d.t[k])
+    rows["value"][:, 0] += sigma * turning * rng.standard_normal(len(k))
+    return rows
+
+
 def judged(d, out, begin):
     """The figures of one run, by name; begin: the sample of the step."""
     position, velocity, attitude = errors(d, out)
@@ -159,7 +175,16 @@ def with_fault(fault, d, samples, fixes, begin, sign):
 
 
 def figures(
-    vehicle, receiver, step_dps, seed, tuning=None, warm_up_dps=0.05, fault=None, error="none", lever_arm_sigma_m=0.0
+    vehicle,
+    receiver,
+    step_dps,
+    seed,
+    tuning=None,
+    warm_up_dps=0.05,
+    fault=None,
+    error="none",
+    lever_arm_sigma_m=0.0,
+    wheels=False,
 ):
     """The figures of one run, by name."""
     d, sources = way(vehicle, seed), (list(VEHICLES).index(vehicle), list(RECEIVERS).index(receiver))
@@ -169,9 +194,12 @@ def figures(
     begin, sign = int(rng.uniform(110.0, 140.0) * RATE), rng.choice([-1.0, 1.0])
     samples["w"][begin:, 2] += np.radians(sign * step_dps)
     begin_s = d.t[begin]
+    aiding = wheel_speeds(d, np.random.default_rng([seed, *sources, 3])) if wheels else NO_MEASUREMENT
     d, samples, fixes = ERRORS[error](d, samples, fixes, np.random.default_rng([seed, *sources, 2]))
     d, samples, fixes, begin = with_fault(fault, d, samples, fixes, int(np.searchsorted(d.t, begin_s)), sign)
-    out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning, lever_arm_sigma_m=lever_arm_sigma_m))
+    aiding = aiding[aiding["t_ns"] >= samples["t_ns"][0]]
+    settings = settings_of(tuning=tuning, lever_arm_sigma_m=lever_arm_sigma_m)
+    out, _, _ = navigate(samples, fixes, settings, aiding=aiding)
     return judged(d, out, begin)
 
 
@@ -201,6 +229,7 @@ def arguments():
     sigma = lambda text: text if text == "auto" else float(text)  # noqa: E731
     parser.add_argument("--lever-arm-sigma", type=sigma, default=0.0, help="m, of the set lever arm; auto: not given")
     parser.add_argument("--errors", type=names, default=["none"], help="all: each of them")
+    parser.add_argument("--wheels", action="store_true", help="with an odometer")
     parser.add_argument("--set", type=names, default=[], help="tunables of the filter: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args()
@@ -210,15 +239,16 @@ def main():
     a = arguments()
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     kinds = list(ERRORS) if a.errors == ["all"] else a.errors
-    runs = itertools.product(a.vehicles, a.seeds, a.receivers, kinds, map(float, a.step))
+    vehicles = [name for name in a.vehicles if name in ON_WHEELS] if a.wheels else a.vehicles
+    runs = itertools.product(vehicles, a.seeds, a.receivers, kinds, map(float, a.step))
     jobs = [
-        (vehicle, receiver, step, seed, tuning, a.warm_up, a.fault, error, a.lever_arm_sigma)
+        (vehicle, receiver, step, seed, tuning, a.warm_up, a.fault, error, a.lever_arm_sigma, a.wheels)
         for vehicle, seed, receiver, error, step in runs
     ]
     found = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(figures, *zip(*jobs, strict=True), chunksize=8), strict=True):
-            vehicle, receiver, step, *_, error, _ = job
+            vehicle, receiver, step, *_, error, _, _ = job
             for of in ((vehicle, receiver), ("all", "all")):
                 found.setdefault((error, f"{step:g}", *of), []).append(row)
     print("| error | step deg/s | vehicle | receiver |", " | ".join(row), "|")

@@ -38,6 +38,8 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "fuse_heading: return 0": "no recording of a compass points straight up",
     "rewind_to: return False": "one of its rings forgets first; the lines of the others are not run",
     "velocity_variance: noise = max(noise, reported * reported)": "no recording reports the sigma of its velocity",
+    "fuse_nhc: h.mean_nis = 1.0": "another fault: tests/test_navigation_drift_beside_wheels.py",
+    "step_gate: add_forward_variance(c, forward, z * z)": "as above",
     "drift_speed: return 0.0": "no recording has so few contradictions, or contradictions by a wrong heading",
     "add_outage_noise: add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)": "in all recordings `clipping` adds it",
     "move_innovations: pending.rows[k - n] = pending.rows[k]": "with little room: tests/test_pending_innovations.py",

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from replay_in_process import new_filter, replay
 
+from imud.batch import NO_MEASUREMENT
 from imud.configuration.settings import Settings
 from imud.drivers.sample import SAMPLE
 from imud.estimators.records import ASSUMED, FIX
@@ -66,10 +67,10 @@ def load(folder, grade):
     return samples_of(imu["t_s"], w, f), fixes_of(fixes, len(fixes["t_s"]))
 
 
-def navigate(samples, fixes, settings=None, initial=None):
+def navigate(samples, fixes, settings=None, initial=None, aiding=NO_MEASUREMENT):
     """(solutions, innovations of the fixes, final state) of one pass."""
     filter_ = new_filter("navigation", samples, settings, initial)
-    out, innovations = replay(filter_, samples, fixes)
+    out, innovations = replay(filter_, samples, fixes, aiding)
     return out, innovations[~np.isin(innovations["kind"], ASSUMED)], filter_.state
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imud.batch import play
+from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.ins.state import STATES
@@ -33,8 +33,13 @@ def new_filter(estimator: str, samples: Records, settings: Settings | None = Non
     return Filter(estimator_, settings or Settings(), initial or Initial(), rate_hz)
 
 
-def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tuple[Records, Records]:
-    """(solutions of all samples, innovations); a fix goes in when it arrives. `samples` stay as they are."""
+def replay(
+    filter_: Filter, samples: Records, fixes: Records = NO_FIXES, aiding: Records = NO_MEASUREMENT
+) -> tuple[Records, Records]:
+    """(solutions of all samples, innovations); all goes in when it arrives. `samples` stay as they are.
+
+    aiding: array of MEASUREMENT, in order of arrival.
+    """
     solutions: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
     order = np.argsort(fixes["arrival_ns"], kind="stable")
@@ -44,6 +49,7 @@ def replay(filter_: Filter, samples: Records, fixes: Records = NO_FIXES) -> tupl
         fixes[order],
         lambda rows: solutions.append(rows.copy()),
         on_innovations=innovations.append,
+        aiding=aiding,
     )
     out = np.concatenate(solutions)
     check_variances(filter_, out)

@@ -97,5 +97,5 @@ def test_an_onset_since_which_a_step_is_excluded_is_renewed(sigma_s, renewed):
     c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
     g.information, g.vector, g.count = sigma_s**-2, d * sigma_s**-2, 300
     g.energy = d * g.vector + 300.0
-    assert not interpreted(detect_time_offset_step)(p, c)
+    assert not interpreted(detect_time_offset_step)(p, c, 0.0)
     assert (g.onset_ns == c.nav.t_ns) == renewed

@@ -27,6 +27,15 @@ def levels(rng, t, low, high, every_s):
     return rng.uniform(low, high, n)[np.searchsorted(ends, t)]
 
 
+def slips(rng, t):
+    """Share of the true speed that a wheel shows at times t (n,), s: it slips for 1 to 4 s twice a minute."""
+    share = np.ones(len(t))
+    for begin in np.arange(t[0] + 20.0, t[-1], 30.0):
+        slipping = (t > begin) & (t < begin + rng.uniform(1.0, 4.0))
+        share[slipping] *= rng.choice([0.0, 0.6, 1.4])
+    return share
+
+
 def way(t, v, yaw, pitch, roll):
     """The Drive of velocities NED, m/s, and angles, rad."""
     attitude = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))

@@ -21,6 +21,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from navigation_runner import SHARED, load, navigate, scorer, settings_of, table, truth_of
 from test_navigation_aiding import played
+from vehicle_simulation import slips
 
 from imud.estimators.records import MEASUREMENT, ODOMETER_SOURCE, POSITION_VALID, REJECTING
 
@@ -50,9 +51,7 @@ def wheel_readings(truth, solution, scale=0.02, sigma=0.05, every_s=0.1):
     own = np.interp(t, solution["t_ns"] * 1e-9, np.hypot(solution["v"][:, 0], solution["v"][:, 1]))
     speed = np.where(known(truth, t), speed, own)
     reading = (1.0 + scale) * speed + sigma * rng.standard_normal(len(t)) * (speed > 0.05)
-    for begin in np.arange(t[0] + 20.0, t[-1], 30.0):
-        slipping = (t > begin) & (t < begin + rng.uniform(1.0, 4.0))
-        reading[slipping] *= rng.choice([0.0, 0.6, 1.4])
+    reading *= slips(rng, t)
     rows = np.zeros(len(t), MEASUREMENT)
     rows["t_ns"] = np.round(1e9 * t)
     rows["arrival_ns"] = rows["t_ns"] + 20_000_000

@@ -143,6 +143,14 @@ def check_drift(p: Parameters, c: Core) -> None:
 
 
 @kernel
+def explained_by_drift_beside_wheels(p: Parameters, c: Core) -> float:
+    """What another cause has to explain more than, where wheels may show that the receiver drifts; else 0."""
+    if not wheels_support(p, c):
+        return 0.0
+    return float(explained_by_velocity_drift(p, c) + p.tuning.likely_velocity_drift_chi2)
+
+
+@kernel
 def check_lever_arm(p: Parameters, c: Core) -> None:
     """Whether the lever arm is given right, or wrong; not while the receiver drifts."""
     if weigh_lever_arm(p, c):
@@ -163,7 +171,7 @@ def check_time_offset(p: Parameters, c: Core) -> None:
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain or departing:
         reset_time_offset_step(c)
-    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c):
+    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c, explained_by_drift_beside_wheels(p, c)):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
@@ -182,8 +190,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
-    if wheels_support(p, c):
-        otherwise = max(otherwise, explained_by_velocity_drift(p, c) + p.tuning.likely_velocity_drift_chi2)
+    otherwise = max(otherwise, explained_by_drift_beside_wheels(p, c))
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)

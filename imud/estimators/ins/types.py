@@ -292,6 +292,7 @@ class Drift:
 
 class VelocityDrift:
     onset_ns: Integers
+    gap_s: Reals
     last_ns: int
     confirmations: int
     count: Reals
@@ -522,6 +523,7 @@ class Odometer:
     corrections: Reals
     used_corrections: Reals
     step: float
+    step_speed: float
     inflation: float
     used_share: float
     unused: int

@@ -2,7 +2,9 @@
 
 After a jump the rejected positions are consistent with the estimated velocity; in a drift they contradict it more and
 more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
-where nothing but the IMU supports the velocity; after `max_reject_s` (with wheels `wheel_max_reject_s`) in any case.
+where nothing but the IMU supports the velocity; after `max_reject_s` (`wheel_max_reject_s` where a drift is detected,
+and wheels support the velocity) in any case. A velocity of the receiver that agrees supports the velocity however far
+off the positions are, wheels and a detected drift only as far as receivers drift.
 """
 
 from __future__ import annotations
@@ -121,13 +123,12 @@ def reports_velocity(fix: Fix) -> bool:
 def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether rest, wheels, the receiver's velocity, or a detected drift supports the estimated velocity.
 
-    A drift that positions alone have shown supports it only as far as receivers drift: beyond, the IMU is off.
+    A detected drift and wheels, which do not show the direction, support it only as far as receivers drift: beyond, the
+    estimate is off.
     """
-    reported = reports_velocity(fix) and c.integrity.velocity_reject_count == 0
-    by_positions = c.drift.detected == BY_POSITIONS and is_as_far_as_a_drift(p, c, p.tuning.reset_s)
-    return (
-        by_positions or c.drift.detected == BY_WHEELS or c.stationarity.at_rest != 0 or reported or wheels_support(p, c)
-    )
+    agrees = c.integrity.velocity_reject_count == 0 and c.drift.detected != BY_WHEELS
+    drifts = (c.drift.detected != 0 or wheels_support(p, c)) and is_as_far_as_a_drift(p, c, p.tuning.reset_s)
+    return bool(drifts or c.stationarity.at_rest != 0 or (reports_velocity(fix) and agrees))
 
 
 @kernel
@@ -242,7 +243,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
     outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-    if wheels_reject(p, c):
+    if wheels_reject(p, c) and is_as_far_as_a_drift(p, c, p.tuning.reset_s):
         g.reject_count[HORIZONTAL] += 1
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
@@ -266,7 +267,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
-    longest_s = p.tuning.wheel_max_reject_s if wheels_support(p, c) else p.tuning.max_reject_s
+    drifts = c.drift.detected != 0 and wheels_support(p, c)
+    longest_s = p.tuning.wheel_max_reject_s if drifts else p.tuning.max_reject_s
     if (supported or drift_is_plausible(p, c, fix)) and not consistent and outage_s < longest_s:
         return False
     if not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:

@@ -22,6 +22,7 @@ from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, set_jacobian, set_jacobian3, variance
 from ..fusion import correct_state, pseudo_measurement
 from ..glr_tests.current import close_current, judge_current, open_current, remove_current
+from ..glr_tests.velocity_drift import drift_is_likely
 from ..mechanization import quaternion
 from ..state import (
     ACCEL_BIAS,
@@ -221,6 +222,7 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     """Fuse lateral and vertical velocity above a minimum speed; disable the constraint if they contradict it.
 
     The lateral velocity of the sensor is the lever arm times the rate of turn; tyres slip in proportion to their load.
+    Where a receiver that drifts is likely, it has moved the velocity that contradicts: the constraint stays.
     """
     h = c.nhc
     q = quaternion(c)
@@ -258,5 +260,8 @@ def fuse_nhc(p: Parameters, c: Core) -> None:
     h.mean_nis += p.tuning.nhc_mean_nis_gain * (
         min(max(abs(lateral_nis), abs(vertical_nis)), 4.0 * p.tuning.nhc_gate) - h.mean_nis
     )
-    if learn_noise_scale(p, c) or (h.mean_nis > p.tuning.nhc_max_mean_nis and p.vehicle != LAND):
+    refuted = learn_noise_scale(p, c) or (h.mean_nis > p.tuning.nhc_max_mean_nis and p.vehicle != LAND)
+    if refuted and drift_is_likely(c):
+        h.mean_nis = 1.0
+    elif refuted:
         disable_nhc(p, c, along)

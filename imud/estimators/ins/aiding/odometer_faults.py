@@ -3,7 +3,8 @@
 A rejected reading has two explanations: the wheels are wrong, or the velocity is. For the second P is inflated, if most
 readings were used lately. The accelerometer decides how a reading may return: where readings have left the integrated
 force faster than its error allows, the wheels became wrong at once, and only their return ends it: a reading near the
-estimate, by P without that inflation. Else the inflated velocity passes the gate, and the wheels correct it. A reading
+estimate, by P without that inflation. A slip is a share of the speed, so it shrinks as the vehicle brakes, which is no
+return. Else the inflated velocity passes the gate, and the wheels correct it. A reading
 that repeats the last one, to the last digit, while by the integrated force the speed has changed, or for much longer
 than ever before, is that of a sensor that has stopped: none is used until it changes.
 """
@@ -80,7 +81,7 @@ TUNABLES = (
         "odometer_return",
         0.5,
         "",
-        "Share of such a step of the innovation below which the wheels may have returned.",
+        "Share of such a step of the innovation, at the present speed, below which the wheels may have returned.",
         "Choice: nearer to none than to all of it.",
         high=1.0,
     ),
@@ -101,6 +102,15 @@ def mostly_used(p: Parameters, c: Core) -> bool:
 
 
 @kernel
+def add_forward_variance(c: Core, forward: Vector, q: float) -> None:
+    """Add q, m^2/s^2, to the variance of the velocity along the forward axis."""
+    f = quat_rotate(quaternion(c), forward)
+    for i in range(3):
+        for k in range(i, 3):
+            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
+
+
+@kernel
 def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: float) -> None:
     """After a rejection: the wheels slip, or the velocity is wrong. The longer it lasts, the more is added to P.
 
@@ -114,10 +124,7 @@ def inflate_velocity(p: Parameters, c: Core, forward: Vector, z: float, dt: floa
     most = z * z / (p.tuning.odometer_gate * p.tuning.odometer_inflation_time_s)
     q = min(most, p.tuning.odometer_inflation_psd) * min(dt, p.tuning.odometer_inflation_time_s)
     c.odometer.inflation += q
-    f = quat_rotate(quaternion(c), forward)
-    for i in range(3):
-        for k in range(i, 3):
-            add_covariance(c, VELOCITY + i, VELOCITY + k, q * f[i] * f[k])
+    add_forward_variance(c, forward, q)
 
 
 @kernel
@@ -135,6 +142,30 @@ def error_since_used(c: Core, forward: Vector, z: float) -> float:
 
 
 @kernel
+def speed_of(c: Core) -> float:
+    """Estimated speed, m/s."""
+    v = c.nav.v_n
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@kernel
+def step_noise(p: Parameters, r: float) -> float:
+    """Largest change, m/s, between two readings of this variance that their noise explains."""
+    return math.sqrt(2.0 * p.tuning.odometer_gate * r)
+
+
+@kernel
+def return_limit(p: Parameters, c: Core, r: float) -> float:
+    """Error, m/s, below which readings that became wrong at once may have returned; r: variance of a reading.
+
+    A constant error keeps its size; a slip is a share of the speed.
+    """
+    g = c.odometer
+    size = g.step * min(speed_of(c) / max(g.step_speed, p.tuning.odometer_dead_speed), 1.0)
+    return p.tuning.odometer_return * max(size, step_noise(p, r))
+
+
+@kernel
 def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> None:
     """At a rejected reading: did the readings leave the integrated force at once? z: innovation, m/s; r: variance.
 
@@ -144,24 +175,29 @@ def check_step(p: Parameters, c: Core, forward: Vector, z: float, r: float) -> N
     g = c.odometer
     if g.step > 0.0 or g.last_used_ns == NEVER_NS:
         return
-    most = math.sqrt(2.0 * p.tuning.odometer_gate * r)
+    most = step_noise(p, r)
     most += p.tuning.odometer_max_accel_error * 1e-9 * abs(c.nav.t_ns - g.last_used_ns)
     if abs(error_since_used(c, forward, z)) > most:
-        g.step, g.inflation = abs(z), 0.0
+        g.step, g.step_speed, g.inflation = abs(z), speed_of(c), 0.0
 
 
 @kernel
 def step_gate(p: Parameters, c: Core, forward: Vector, z: float, s: float, r: float) -> float:
     """Gate of a reading with innovation z of variance s, r of the reading: while they are wrong at once, their return.
 
-    Without the inflation P would let any reading pass.
+    Without the inflation P would let any reading pass. Where readings are back at the integrated force and the estimate
+    is not, what has corrected it meanwhile is in doubt: a receiver that began to drift while the wheels slipped.
     """
     g = c.odometer
-    if abs(error_since_used(c, forward, z)) < p.tuning.odometer_return * g.step:  # the readings are back at the force
-        g.step = g.inflation = 0.0
     if g.step == 0.0:
         return p.tuning.odometer_gate
-    near = abs(z) < p.tuning.odometer_return * g.step and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)
+    limit, error = return_limit(p, c, r), abs(error_since_used(c, forward, z))
+    if error < limit:  # the readings are back at the force
+        if error < step_noise(p, r) and z * z > p.tuning.odometer_gate * s:
+            add_forward_variance(c, forward, z * z)
+        g.step = g.inflation = 0.0
+        return p.tuning.odometer_gate
+    near = abs(z) < limit and z * z < p.tuning.odometer_gate * max(s - g.inflation, r)
     return p.tuning.odometer_gate if near else REJECT
 
 

@@ -176,6 +176,7 @@ ODOMETER = np.dtype(
         ("corrections", "<f8", (3,)),  # m/s, NED, sum of all corrections of the velocity
         ("used_corrections", "<f8", (3,)),  # the same at the last reading that was used
         ("step", "<f8"),  # m/s, size of the innovation with which the readings became wrong at once; 0: they did not
+        ("step_speed", "<f8"),  # m/s, the estimated speed then
         ("inflation", "<f8"),  # m^2/s^2, added to P since then
         ("used_share", "<f8"),  # of the readings lately
         ("unused", "<i8"),  # why the last reading was not used: CONTRADICTED, NO_DIRECTION; 0: it was

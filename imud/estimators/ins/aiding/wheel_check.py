@@ -8,7 +8,7 @@ both: there `glr_tests.velocity_drift` decides by what is known of the heading. 
 positions and velocities, until its velocities refute the drift; across the direction of travel of a vehicle whose
 heading has become uncertain they may agree with both. If meanwhile a wrong heading explains them better than any drift,
 the detection was wrong: it ends, and the heading is as uncertain as that. The position stays as uncertain as the drift
-has made it.
+has made it. No drift is found by single velocities before fixes have agreed, since a new estimate may be what is wrong.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from ..glr_tests.gnss_drift import BY_WHEELS, clear_detection, declare_drift
 from ..glr_tests.velocity_drift import (
     count_confirmation,
     remove_most_likely_drift,
+    renew_contradicted_onset,
     reset_confirmations,
     reset_velocity_drift,
     store_drift,
@@ -85,9 +86,7 @@ TUNABLES = (
         "A turn comes meanwhile.",
     ),
     Tunable("wheel_agreements", 10, "fixes", "So many fixes that refute a drift end it.", "Choice."),
-    Tunable(
-        "wheel_max_reject_s", 600.0, "s", "Longest rejection of fixes while wheels support the velocity.", "Choice."
-    ),
+    Tunable("wheel_max_reject_s", 600.0, "s", "Longest rejection of a receiver that drifts beside wheels.", "Choice."),
 )
 
 
@@ -150,6 +149,8 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
             clear_detection(c)
             reset_confirmations(c)
         return
+    s_n, s_e = velocity_innovation_variance(c, 0, accel_n, r), velocity_innovation_variance(c, 1, accel_e, r)
+    renew_contradicted_onset(p, c, (z_n, z_e), (s_n, s_e))
     turned = p.tuning.unconfirmed_heading_sigma
     would_show = contradicts(p, c, 0, turned * c.nav.v_n[1], accel_n, r)
     if would_show or contradicts(p, c, 1, turned * c.nav.v_n[0], accel_e, r):
@@ -157,7 +158,8 @@ def check_receiver(p: Parameters, c: Core, z_n: float, z_e: float, accel_n: floa
     if elementary.hypot(c.nav.v_n[0], c.nav.v_n[1]) > p.tuning.wheel_check_speed:
         sum_contradictions(c, z_n, z_e, wrong)
         speed = drift_speed(p, c, 2.0 * r)
-        if speed > 0.0 and not is_unconfirmed(c):
+        confirmed = c.velocity_drift.confirmations >= p.tuning.heading_confirmations
+        if speed > 0.0 and confirmed and not is_unconfirmed(c):
             since_s = 1e-9 * (c.nav.t_ns - c.wheel_check.onset_ns)
             for i in range(2):
                 add_variance(c, POSITION + i, (speed * since_s) ** 2)
@@ -255,6 +257,5 @@ def drift_speed(p: Parameters, c: Core, r: float) -> float:
         return 0.0
     of_drift = g.z2 - (g.z_n**2 + g.z_e**2) / g.count
     of_heading = g.z2 - g.cross_sum**2 / g.v2
-    if of_heading - of_drift < p.tuning.wheel_evidence * r:
-        return 0.0
-    return elementary.hypot(g.z_n, g.z_e) / g.count
+    speed = elementary.hypot(g.z_n, g.z_e) / g.count
+    return speed if of_heading - of_drift > p.tuning.wheel_evidence * r and speed < p.tuning.max_drift_speed else 0.0

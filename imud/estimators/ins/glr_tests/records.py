@@ -33,6 +33,7 @@ DRIFT = np.dtype(  # the test for a receiver that drifts (GLR)
 VELOCITY_DRIFT = np.dtype(  # the test for a receiver that drifts and says so in its velocity (GLR)
     [
         ("onset_ns", "<i8", (ONSETS,)),
+        ("gap_s", "<f8", (ONSETS,)),  # s, from the onset to the first fix after it
         ("last_ns", "<i8"),  # the last fix
         ("confirmations", "<i8"),  # fixes under way that agreed with the heading since it was found
         ("count", "<f8", (ONSETS,)),  # velocities

@@ -134,8 +134,12 @@ def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
 
 
 @kernel
-def detect_time_offset_step(p: Parameters, c: Core) -> bool:
-    """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected."""
+def detect_time_offset_step(p: Parameters, c: Core, explained_otherwise: float) -> bool:
+    """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected.
+
+    explained_otherwise: sum of the normalised innovations squared that another cause explains; a step has to explain
+    more.
+    """
     g = c.time_offset_step
     if (
         g.onset_ns == NEVER_NS
@@ -150,6 +154,7 @@ def detect_time_offset_step(p: Parameters, c: Core) -> bool:
     if (
         chi2 > p.tuning.time_offset_step_chi2
         and p.tuning.min_time_offset_step_s < abs(d) < p.tuning.max_time_offset_step_s
+        and explained_by_time_offset_step(c) > explained_otherwise
     ):
         apply_time_offset_step(c, d, p.tuning.time_offset_step_sigma * abs(d))
         open_time_offset_step(c)

@@ -4,10 +4,12 @@ Positions and velocities of such a receiver agree with each other, so without wh
 the two contradict each other, and the innovations show it (`fault_sensitivity`). On a straight road a drift across it
 looks like a heading error; P says how large that may be. Where the motion has not confirmed the heading yet, a step of
 it is a third unknown, which is eliminated. Velocities count, those of a second together. The first onset is the last
-fix after which no drift is likely; the others are kept for longer.
+fix after which no drift is likely, or that before a fix which a drift since then does not explain: the filter would
+have followed a drift that began before, so one that begins now looks otherwise. The others are kept for longer.
 
-When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. While it
-is likely, but not detected, the solution states V d as an error.
+When a drift is detected, here or by `aiding.wheel_check`, the fault is removed, and the receiver is rejected. If there
+was no fix for a while after its onset, it may have begun at any time in that gap, which the position's variance gets.
+While it is likely, but not detected, the solution states V d as an error.
 
 Source: as `fault_sensitivity`.
 """
@@ -21,6 +23,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..ekf import add_variance
 from ..state import (
     ATTITUDE,
     EE,
@@ -155,6 +158,8 @@ def add_to_velocity_drift(p: Parameters, c: Core, z: float, s: float, axis: int)
     weight = min(1e-9 * (c.nav.t_ns - g.last_ns) / p.tuning.velocity_drift_correlation_s, 1.0) / s
     mean = c.scratch.fault_innovation
     for j in range(ONSETS):
+        if g.count[j] == 0.0:
+            g.gap_s[j] = 1e-9 * (c.nav.t_ns - g.onset_ns[j])
         north, east, turned = mean[column_of(j)], mean[column_of(j) + 1], mean[column_of(j) + 2]
         g.vector[j, 0] += weight * north * z
         g.vector[j, 1] += weight * east * z
@@ -201,6 +206,27 @@ def estimate_velocity_drift(p: Parameters, c: Core, j: int) -> Any:
 
 
 @kernel
+def renew_contradicted_onset(p: Parameters, c: Core, z: tuple[float, float], s: tuple[float, float]) -> None:
+    """Before a velocity is fused that contradicts the estimate: open the first onset anew unless it explains that.
+
+    z, s: innovations of the fix, north and east, m/s, and their variances. Not of a drift that is proven, and only
+    where the heading is confirmed: a step of it would explain innovations, too.
+    """
+    g, u, n = c.velocity_drift, c.faults.sensitivity, column_of(0)
+    if g.onset_ns[0] == NEVER_NS or g.confirmations < p.tuning.heading_confirmations:
+        return
+    north, east, _, _, _, chi2, _ = estimate_velocity_drift(p, c, 0)
+    if chi2 > p.tuning.velocity_drift_chi2:
+        return
+    mean_n = north - u[VELOCITY, n] * north - u[VELOCITY, n + 1] * east
+    mean_e = east - u[VELOCITY + 1, n] * north - u[VELOCITY + 1, n + 1] * east
+    energy = z[0] * z[0] / s[0] + z[1] * z[1] / s[1]
+    explained = mean_n * (2.0 * z[0] - mean_n) / s[0] + mean_e * (2.0 * z[1] - mean_e) / s[1]
+    if energy > p.tuning.wheel_check_gate and explained < 0.5 * energy:
+        open_velocity_drift(c, 0)
+
+
+@kernel
 def explained_by_velocity_drift(p: Parameters, c: Core) -> float:
     """Most of the sum of the normalised innovations squared that drift and heading step since an onset explain.
 
@@ -213,6 +239,12 @@ def explained_by_velocity_drift(p: Parameters, c: Core) -> float:
             if elementary.hypot(north, east) > p.tuning.wheel_min_contradiction:
                 most = max(most, explained + heading_step_share(p, c, j) * g.vector[j, 2] ** 2)
     return float(most)
+
+
+@kernel
+def drift_is_likely(c: Core) -> bool:
+    """Whether the last fix left such a drift likely."""
+    return bool(c.velocity_drift.position_variance[0] + c.velocity_drift.position_variance[1] > 0.0)
 
 
 @kernel
@@ -239,6 +271,9 @@ def remove_velocity_drift(p: Parameters, c: Core, j: int) -> tuple[float, float]
     """Gather in scratch.x the correction for a drift since onset j, and add its covariance to P; the drift, m/s."""
     north, east, nn, ne, ee, _, _ = estimate_velocity_drift(p, c, j)
     remove_drift(c, column_of(j), (north, east), nn, ne, ee)
+    later2 = c.velocity_drift.gap_s[j] ** 2 / 3.0  # mean square of a time within the gap
+    add_variance(c, POSITION, north * north * later2)
+    add_variance(c, POSITION + 1, east * east * later2)
     return north, east
 
 
@@ -273,12 +308,11 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
             north, east, _, _, _, chi2, explained = estimate_velocity_drift(p, c, j)
             if explained > explained_otherwise and chi2 > p.tuning.likely_velocity_drift_chi2:
                 state_likely_drift(c, j, north, east)
-            old_enough = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= p.tuning.min_velocity_drift_s
-            speed = elementary.hypot(north, east)
-            proven = old_enough and speed > p.tuning.wheel_min_contradiction and explained > explained_otherwise
-            if proven and chi2 > most:
+            fast = elementary.hypot(north, east) > p.tuning.wheel_min_contradiction
+            if fast and explained > explained_otherwise and chi2 > most:
                 best, most = j, chi2
-    if most > p.tuning.velocity_drift_chi2:
+    waits = best >= 0 and 1e-9 * (c.nav.t_ns - g.onset_ns[best]) < p.tuning.min_velocity_drift_s
+    if most > p.tuning.velocity_drift_chi2 and not waits:
         north, east = remove_velocity_drift(p, c, best)
         store_drift(c, north, east)
         reset_velocity_drift(c)
@@ -289,10 +323,14 @@ def detect_velocity_drift(p: Parameters, c: Core, explained_otherwise: float) ->
 
 @kernel
 def renew_onsets(p: Parameters, c: Core) -> None:
-    """Open the first onset anew unless a drift since then explains much; open anew those that are too old."""
+    """Open the first onset anew unless a drift since then explains much; open anew those that are too old.
+
+    A gap without fixes does not age an onset: the first fix after it may be the first of a drift.
+    """
     g, longest_s = c.velocity_drift, p.tuning.velocity_drift_onset_s
     for j in range(ONSETS):
-        too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) >= longest_s
+        gap_s = g.gap_s[j] if g.count[j] > 0.0 else 0.0
+        too_old = 1e-9 * (c.nav.t_ns - g.onset_ns[j]) - gap_s >= longest_s
         renewed = too_old
         if j == 0 and not too_old:
             _, _, _, _, _, _, explained = estimate_velocity_drift(p, c, j)

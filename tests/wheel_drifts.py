@@ -4,7 +4,7 @@
 
 The wheel's speed is that of the reference, 2 % too large, with noise of 0.05 m/s at 10 Hz and a slip of 1 to 4 s twice
 a minute. From each of `runs` times on, spread over the drive, the receiver drifts for a minute: along the way of that
-time, across it, and in two other directions; its velocity says so too ("told"), or does not. Each row of the table is
+time, across it, and in two other directions; its velocity has the drift, too ("in velocity"), or has not. Each row of the table is
 the sum over the times of one kind of driving: creeping (mean speed of that minute below 2 m/s, but not at rest),
 straight (the course stays within 15 degrees), others. "Found": share in which fixes are rejected within 30 s;
 "sure": seconds beyond 4 sigma and 5 m with POSITION_VALID until a minute after the drift has ended.
@@ -67,14 +67,14 @@ def known(truth, t):
     return truth[k, 0] - truth[k - 1, 0] <= 1.0
 
 
-def drifting(fixes, begin, velocity, told):
+def drifting(fixes, begin, velocity, in_velocity):
     """The fixes of a receiver that drifts with `velocity` (north, east, m/s) for DRIFT_S from `begin` on."""
     fixes = fixes.copy()
     t = fixes["t_ns"] * 1e-9
     k = (t >= begin) & (t < begin + DRIFT_S)
     fixes["lat"][k] += velocity[0] * (t[k] - begin) / 6.37e6
     fixes["lon"][k] += velocity[1] * (t[k] - begin) / (6.38e6 * np.cos(fixes["lat"][k]))
-    if told:
+    if in_velocity:
         v = fixes["speed"][k] * np.exp(1j * fixes["course"][k]) + complex(*velocity)
         fixes["speed"][k], fixes["course"][k] = np.abs(v), np.angle(v)
         fixes["v"][k, :2] += velocity
@@ -96,12 +96,12 @@ def driving(truth, begin):
 
 
 @functools.cache
-def run(name, grade, begin, direction, told, speed, wheels, tuning, vehicle):
+def run(name, grade, begin, direction, in_velocity, speed, wheels, tuning, vehicle):
     samples, fixes, truth, meta, rows = recording(name, grade)
     kind, course = driving(truth, begin)
     angle = course + np.radians(DIRECTIONS.get(direction, 0.0))
     velocity = (speed * np.cos(angle), speed * np.sin(angle)) if direction else (0.0, 0.0)
-    fixes = drifting(fixes, begin, velocity, told)
+    fixes = drifting(fixes, begin, velocity, in_velocity)
     end = begin + DRIFT_S + 60.0
     samples = samples[(samples["t_ns"] * 1e-9 < end) & (samples["t_ns"] * 1e-9 > begin - 300.0)]
     fixes = fixes[(fixes["arrival_ns"] * 1e-9 < end) & (fixes["t_ns"] * 1e-9 > begin - 300.0)]
@@ -156,16 +156,16 @@ def main():
         begins = begins[[known(truth, np.arange(begin, begin + DRIFT_S, 0.5)).mean() > 0.7 for begin in begins]]
         for begin in begins[np.linspace(0, len(begins) - 1, a.runs).astype(int)]:
             for direction in a.direction:
-                for told in (True, False) if direction else (False,):
+                for in_velocity in (True, False) if direction else (False,):
                     jobs.append(
-                        (name, a.fixes, float(begin), direction, told, a.speed, not a.without, tuning, a.vehicle)
+                        (name, a.fixes, float(begin), direction, in_velocity, a.speed, not a.without, tuning, a.vehicle)
                     )
     sums = {}
     with ProcessPoolExecutor(a.jobs) as pool:
         for job, row in zip(jobs, pool.map(run, *zip(*jobs, strict=True), chunksize=4), strict=True):
-            name, _, begin, direction, told = job[:5]
+            name, _, begin, direction, in_velocity = job[:5]
             across = "across" if direction in ("left", "right") else "other"
-            drift = f"{'told' if told else 'hidden'} {across}" if direction else "no drift"
+            drift = f"{'in velocity,' if in_velocity else 'positions alone,'} {across}" if direction else "no drift"
             sums.setdefault((name, row["kind"], drift), []).append(row)
             if a.list:
                 print(name, f"{begin:.0f}", direction, drift, row, flush=True)

@@ -4,10 +4,11 @@
 
 The wheel's speed is that of the reference, 2 % too large, with noise of 0.05 m/s at 10 Hz and a slip of 1 to 4 s twice
 a minute. From each of `runs` times on, spread over the drive, the receiver drifts for a minute: along the way of that
-time, across it, and in two other directions; its velocity has the drift, too ("in velocity"), or has not. Each row of the table is
-the sum over the times of one kind of driving: creeping (mean speed of that minute below 2 m/s, but not at rest),
-straight (the course stays within 15 degrees), others. "Found": share in which fixes are rejected within 30 s;
-"sure": seconds beyond 4 sigma and 5 m with POSITION_VALID until a minute after the drift has ended.
+time, across it, and in two other directions; its velocity has the drift, too ("in velocity"), or has not ("positions
+alone"). Each row of the table is the sum over the times of one kind of driving: creeping (mean speed of that minute
+below 2 m/s, but not at rest), straight (the course stays within 15 degrees), others. "Found": share in which fixes are
+rejected within 30 s; "sure": seconds beyond 4 sigma and 5 m with POSITION_VALID until a minute after the drift has
+ended.
 """
 
 from __future__ import annotations

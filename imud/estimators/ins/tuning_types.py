@@ -306,9 +306,8 @@ class Tuning:
     trapezoid_share: float
     lag_memory_s: float
     lag_scale_sigma: float
+    max_lag_s: float
     lag_sigmas: float
-    max_velocity_lag_s: float
-    lag_tolerance_s: float
     lag_noise_weight: float
     min_lag_pairs: float
     lost_lag_s: float

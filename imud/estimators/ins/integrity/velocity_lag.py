@@ -39,9 +39,8 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("lag_memory_s", 300.0, "s", "Time constant of the sums over pairs of fixes.", "Choice."),
     Tunable("lag_scale_sigma", 0.3, "", "Sigma of the scale of a receiver's velocity, less one.", "Knots, feet."),
-    Tunable("lag_sigmas", 3.0, "sigma", "What is beyond one of the next two by so many is certain.", "Choice."),
-    Tunable("max_velocity_lag_s", 0.3, "s", "Largest lag of a velocity that is used.", "Recorded receivers: 0.13 s."),
-    Tunable("lag_tolerance_s", 0.2, "s", "Error of the lag that the filter finds by itself.", "Simulated receivers."),
+    Tunable("max_lag_s", 0.2, "s", "Largest lag that the filter finds by itself.", "Recorded receivers: 0.13 s."),
+    Tunable("lag_sigmas", 3.0, "sigma", "What is beyond that by so many is certain.", "Choice."),
     Tunable("lag_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
     Tunable("min_lag_pairs", 8.0, "pairs", "Pairs of fixes from which a lag is found.", "Choice."),
     Tunable("lost_lag_s", 3.0, "s", "A lag that is larger is another fault.", "Choice."),
@@ -112,11 +111,11 @@ def find_lag(p: Parameters, g: VelocityLag) -> None:
 
 
 @kernel
-def lag_beyond(p: Parameters, g: VelocityLag, expected: float, tolerance: float) -> float:
-    """What the lag differs by from the expected one, s, if that is beyond the tolerance for certain; else 0."""
+def lag_beyond(p: Parameters, g: VelocityLag, expected: float) -> float:
+    """What the lag differs by from the expected one, s, if the filter does not find that by itself; else 0."""
     away = g.lag - expected
     certain = abs(away) - p.tuning.lag_sigmas * math.sqrt(g.variance)
-    if g.variance == 0.0 or certain < tolerance or abs(g.lag) > p.tuning.lost_lag_s:
+    if g.variance == 0.0 or certain < p.tuning.max_lag_s or abs(g.lag) > p.tuning.lost_lag_s:
         return 0.0
     return away
 
@@ -125,9 +124,9 @@ def lag_beyond(p: Parameters, g: VelocityLag, expected: float, tolerance: float)
 def detect_late_velocity(p: Parameters, g: VelocityLag) -> bool:
     """After a fix: set whether its velocity is late; returns whether it was not before."""
     if g.late == 0:
-        g.late = 1 if lag_beyond(p, g, 0.0, p.tuning.max_velocity_lag_s) > 0.0 else 0
+        g.late = 1 if lag_beyond(p, g, 0.0) > 0.0 else 0
         return g.late != 0
-    if g.variance > 0.0 and g.lag + p.tuning.lag_sigmas * math.sqrt(g.variance) < p.tuning.max_velocity_lag_s:
+    if g.variance > 0.0 and g.lag + p.tuning.lag_sigmas * math.sqrt(g.variance) < p.tuning.max_lag_s:
         g.late = 0
     return False
 
@@ -144,6 +143,6 @@ def remove_late_velocity(g: VelocityLag, fix: Fix) -> None:
 @kernel
 def fit_time_offsets(p: Parameters, c: Core, g: VelocityLag) -> None:
     """While navigating: time offsets that fit the lag, if it contradicts them."""
-    d = -lag_beyond(p, g, c.nav.velocity_time_offset, p.tuning.lag_tolerance_s)
+    d = -lag_beyond(p, g, c.nav.velocity_time_offset)
     if d != 0.0 and c.alignment.mode == NAVIGATING:
         move_time_offset(c, d, g.variance + (p.tuning.time_offset_step_sigma * d) ** 2)

@@ -285,12 +285,13 @@ def wrong_lever_arm_of_a_survey():
 
 @golden("navigation")
 def smoothed_velocity():
-    """It lags by a second behind the positions; then another receiver, whose velocity does not."""
+    """Another receiver, under way, whose velocity lags by a second behind its positions; then the first one again."""
     d = road()
-    samples, fixes = sensed(d, random(91)), received(d, random(92), lag=1.0)
-    other = int(np.flatnonzero(fixes["t_ns"] * 1e-9 > 175.0)[0])
-    fixes[other:] = received(d, random(92))[other:]
-    fixes["flags"][other] = NEW_RECEIVER
+    samples, fixes = sensed(d, random(91)), received(d, random(92))
+    t = fixes["t_ns"] * 1e-9
+    smoothing = (t > 135.0) & (t < 195.0)
+    fixes[smoothing] = received(d, random(92), lag=1.0)[smoothing]
+    fixes["flags"][np.flatnonzero(np.diff(smoothing)) + 1] = NEW_RECEIVER
     return navigated(samples, fixes)
 
 

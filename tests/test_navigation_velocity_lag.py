@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from navigation_runner import navigate
+from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
+from replay_in_process import new_filter, smoothed_solutions
 from simulated_errors import averaged
 
 from imud.estimators.ins.findings import findings
@@ -98,3 +99,15 @@ def test_a_velocity_in_knots_that_is_taken_for_metres_is_no_lag():
     fixes = fixes_with(0.0, 10)
     fixes["speed"] *= 1.94
     assert run(fixes)[3]["velocity_lag"]["late"][0] == 0
+
+
+def test_smoothed_positions_do_without_the_velocities_that_lag():
+    """Backward in time they would lead."""
+    samples = sensed(D, np.random.default_rng(4), bg=(0.002, -0.001, 0.0015), ba=(0.03, -0.02, 0.02))
+    filter_ = new_filter("navigation", samples, settings_of())
+    out = smoothed_solutions(filter_, samples, fixes_with(1.0, 4, 1.0))
+    position, velocity, attitude = errors(D, out)
+    settled = D.t > 40.0
+    assert np.sqrt(np.mean(position[settled, :2] ** 2)) < 1.5
+    assert np.sqrt(np.mean(velocity[settled, :2] ** 2)) < 0.15
+    assert np.degrees(np.sqrt(np.mean(attitude[settled, 2] ** 2))) < 1.0

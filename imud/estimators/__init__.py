@@ -55,6 +55,8 @@ class Estimator:
 
     # What the state says, for outputs and reports
     fix_delay_s: Callable[[Records], float] | None = None  # by how much fixes are older than their epochs, s
+    # (parameters, state): whether the velocities of the receiver are of the times of its positions, or nearly so
+    fix_velocity_fits: Callable[[Records, Records], bool] | None = None
     source_ages_s: Callable[[Records], Floats] | None = None  # the same of measurements, by the code of their source
     # by the code of a source: `scale` and `offset_m` of its readings, each with its sigma (`s…`); `finding`: why its
     # measurements are not used

@@ -63,6 +63,16 @@ class Forward:
         delay = self.filter.estimator.fix_delay_s
         return 0.0 if delay is None else delay(self.filter.state)
 
+    def fixes(self, fixes: Records) -> Records:
+        """Fixes, without their velocities if these are of other times than the positions: backward they are newer."""
+        fit = self.filter.estimator.fix_velocity_fits
+        if fit is None or fit(self.filter.parameters, self.filter.state):
+            return fixes
+        rows = fixes.copy()
+        for name in ("v", "sigma_v", "speed", "course"):
+            rows[name] = np.nan
+        return rows
+
     def at_their_ages(self, measurements: Records) -> Records:
         """Measurements with the epochs that the filter took them for."""
         rows = measurements.copy()
@@ -96,7 +106,8 @@ def smooth(
         turned.append(block)
     filter_ = _backward_filter(forward.filter, solutions[-1])
     aiding = reversed_measurements(forward.at_their_ages(measurements), filter_.estimator.sources, end_ns)
-    play(filter_, turned.array(), reversed_fixes(fixes, end_ns, forward.delay_s()), past.append, aiding=aiding)
+    turned_fixes = reversed_fixes(forward.fixes(fixes), end_ns, forward.delay_s())
+    play(filter_, turned.array(), turned_fixes, past.append, aiding=aiding)
     backward = past.array()[::-1]
     for start in range(0, len(solutions), BLOCK):
         part = slice(start, start + BLOCK)

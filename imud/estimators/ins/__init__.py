@@ -27,7 +27,17 @@ from .filter import aid, pending_innovations, step, update
 from .filter_states import attitude, filter_states
 from .findings import findings
 from .parameters import TUNABLES, configure
-from .setup import backward_tuning, fix_delay_s, is_valid, place, restore_biases, source_ages_s, start, variances
+from .setup import (
+    backward_tuning,
+    fix_delay_s,
+    fix_velocity_fits,
+    is_valid,
+    place,
+    restore_biases,
+    source_ages_s,
+    start,
+    variances,
+)
 from .source_estimates import source_estimates
 from .sources import SOURCES
 
@@ -48,6 +58,7 @@ ESTIMATOR = Estimator(
     resume=resume,
     backward_tuning=backward_tuning,
     fix_delay_s=fix_delay_s,
+    fix_velocity_fits=fix_velocity_fits,
     source_ages_s=source_ages_s,
     source_estimates=source_estimates,
     findings=findings,

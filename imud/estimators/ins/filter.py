@@ -34,8 +34,8 @@ from .fusion_horizon import (
 )
 from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
-from .integrity.velocity_discrepancy import compare_with_positions, judge_discrepancy, remove_wrong_velocity
-from .integrity.velocity_lag import detect_late_velocity, fit_time_offsets, learn_lag, remove_late_velocity
+from .integrity.velocity_discrepancy import compare_with_positions, is_unused, judge_discrepancy, remove_velocity
+from .integrity.velocity_lag import detect_late_velocity, fit_time_offsets, learn_lag
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -161,8 +161,8 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     s.aiding_ring[k % AIDING_RING].fix = fix
-    remove_wrong_velocity(s.velocity_discrepancy, s.aiding_ring[k % AIDING_RING].fix)
-    remove_late_velocity(s.velocity_lag, s.aiding_ring[k % AIDING_RING].fix)
+    if s.velocity_lag.late != 0 or is_unused(s.velocity_discrepancy):
+        remove_velocity(s.aiding_ring[k % AIDING_RING].fix)
     return fuse_from(p, s, k, snapshots, innovations)
 
 

@@ -38,6 +38,7 @@ from .state import (
 
 _NO_ERROR_M = 100.0  # no lever arm is wrong by more: none is looked for
 _NO_ODDS = 1e30  # none are as large
+_NO_LAG_S = 1e3  # none is as large
 
 TUNABLES = (
     Tunable(
@@ -183,7 +184,10 @@ def _variance(core: np.void, i: int) -> float:
 
 
 def backward_tuning(parameters: np.void, state: Records, solution: np.void, factor: float) -> dict[str, float]:
-    """See `Estimator`. What was exact, or measured, forward is so backward: epochs of a survey, a lever arm."""
+    """See `Estimator`. What was exact, or measured, forward is so backward: epochs of a survey, a lever arm.
+
+    A lag of velocities is found forward: backward, one is a lead.
+    """
     c, tuning = state["core"][0, 0], parameters["tuning"]
     late = factor * math.sqrt(_variance(c, TIME_OFFSET) + float(c["time_evidence"]["missing_variance"]))
     of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma")
@@ -195,6 +199,7 @@ def backward_tuning(parameters: np.void, state: Records, solution: np.void, fact
     if c["gnss"]["lever_arm_is_measured"].all():
         known["lever_arm_odds"] = _NO_ODDS
     return known | {
+        "max_lag_s": _NO_LAG_S,
         "initial_tilt_sigma": factor * float(np.max(solution["sigma_rpy"][:2])),
         "initial_heading_sigma": factor * float(solution["sigma_rpy"][2]),
         "initial_position_sigma": factor * float(np.max(solution["sigma_p"])),
@@ -205,6 +210,13 @@ def backward_tuning(parameters: np.void, state: Records, solution: np.void, fact
 def fix_delay_s(state: Records) -> float:
     """See `Estimator`."""
     return float(state["core"][0, 0]["nav"]["time_offset"])
+
+
+def fix_velocity_fits(parameters: Records, state: Records) -> bool:
+    """See `Estimator`."""
+    g, t = state["velocity_lag"][0], parameters["tuning"][0]
+    certain = abs(g["lag"]) - t["lag_sigmas"] * math.sqrt(g["variance"])
+    return not (g["late"] or (g["variance"] > 0.0 and certain > t["max_lag_s"]))
 
 
 def source_ages_s(state: Records) -> Floats:

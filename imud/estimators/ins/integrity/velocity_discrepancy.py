@@ -186,9 +186,14 @@ def allow_for_discrepancy(c: Core, g: VelocityDiscrepancy, since_s: float) -> No
 
 
 @kernel
-def remove_wrong_velocity(g: VelocityDiscrepancy, fix: Fix) -> None:
-    """Take the velocity out of a fix if it is wrong, or may be and is not used for that."""
-    if g.verdict >= UNUSED:
-        fix.speed = fix.course = math.nan
-        for i in range(3):
-            fix.v[i] = fix.sigma_v[i] = math.nan
+def is_unused(g: VelocityDiscrepancy) -> bool:
+    """Whether the velocity is wrong, or may be and is not used for that."""
+    return bool(g.verdict >= UNUSED)
+
+
+@kernel
+def remove_velocity(fix: Fix) -> None:
+    """Take the velocity out of a fix."""
+    fix.speed = fix.course = math.nan
+    for i in range(3):
+        fix.v[i] = fix.sigma_v[i] = math.nan

@@ -132,15 +132,6 @@ def detect_late_velocity(p: Parameters, g: VelocityLag) -> bool:
 
 
 @kernel
-def remove_late_velocity(g: VelocityLag, fix: Fix) -> None:
-    """Take the velocity out of a fix if it is late."""
-    if g.late != 0:
-        fix.speed = fix.course = math.nan
-        for i in range(3):
-            fix.v[i] = fix.sigma_v[i] = math.nan
-
-
-@kernel
 def fit_time_offsets(p: Parameters, c: Core, g: VelocityLag) -> None:
     """While navigating: time offsets that fit the lag, if it contradicts them."""
     d = -lag_beyond(p, g, c.nav.velocity_time_offset)

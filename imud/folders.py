@@ -5,6 +5,7 @@ import errno
 import functools
 import os
 import stat
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 _FILE_MAX = 16 << 20  # bytes; the largest that imud keeps, a filter's checkpoint, has some 25 kB
@@ -55,12 +56,38 @@ def replace_file(path: Path, content: bytes) -> None:
         raise
 
 
-def save_in(folders: list[Path], name: str, content: bytes) -> None:
-    """`replace_file` in the first of the folders that may be written. Raises OSError if there is none."""
+def overwrite_file(path: Path, content: bytes) -> None:
+    """As `replace_file`, but in place if it can be, in a fifth of the time: no file is made, and written out at once.
+
+    If it is interrupted, the file has neither its old nor its new content.
+    """
+    try:
+        _write_in_place(path, content)
+    except OSError:  # there is none, or it is no regular file, or another user's
+        replace_file(path, content)
+
+
+def _write_in_place(path: Path, content: bytes) -> None:
+    fd = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        before = os.fstat(fd)
+        if not stat.S_ISREG(before.st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        left = memoryview(content)
+        while left:
+            left = left[os.write(fd, left) :]
+        if before.st_size > len(content):
+            os.ftruncate(fd, len(content))
+    finally:
+        os.close(fd)
+
+
+def save_in(paths: Iterable[Path], content: bytes, write: Callable[[Path, bytes], None] = replace_file) -> None:
+    """Write the first of the files that may be written. Raises OSError if there is none."""
     refused = OSError("there is no folder for state")
-    for folder in folders:
+    for path in paths:
         try:
-            replace_file(folder / name, content)
+            write(path, content)
             return
         except OSError as error:
             refused = error

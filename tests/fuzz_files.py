@@ -16,8 +16,9 @@ from framer_properties import Decoder
 from pyrtcm import calc_crc24q
 from replay_in_process import new_filter, replay
 
+from imud.compile.hashing import digest_of
 from imud.configuration.settings import Gnss, Imu, Initial, Settings
-from imud.daemon import checkpoint_file
+from imud.daemon.checkpoint_file import CheckpointFiles
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.errors import SpecError
 from imud.drivers.iio.layout import Layout, LayoutError, layout_of
@@ -187,11 +188,11 @@ def checkpoint(data: bytes) -> None:
     """The file of a checkpoint: only one that this machine has written is taken."""
 
     def read() -> None:
-        found = checkpoint_file.take("S", "P", 10**10)
+        found = CheckpointFiles("S", "P").take(10**10)
         assert found in (b"", b"as it was")
         assert not list(Path(os.environ["RUNTIME_DIRECTORY"]).iterdir())
 
-    _in_folder("RUNTIME_DIRECTORY", checkpoint_file._name("S", "P"), _stamped(data), read)
+    _in_folder("RUNTIME_DIRECTORY", CheckpointFiles("S", "P").names[0], _stamped(data), read)
 
 
 def _stamped(data: bytes) -> bytes:
@@ -264,7 +265,7 @@ BIASES = (
 )
 CHECKPOINTS = (
     b'{"sensor":"S","port":"P","boot_id":"BOOT","monotonic_ns":NOW,"boottime_ns":UP,"digest":"'
-    + checkpoint_file.digest_of(b"as it was").encode()
+    + digest_of(b"as it was").encode()
     + b'"}\nas it was',
 )
 CHANGES = (b"\0\0\0", b"\x40\0\0" + b"\xff" * 8, b"\x80\0\0" + np.float64(math.nan).tobytes())

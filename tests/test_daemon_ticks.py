@@ -10,11 +10,13 @@ import pytest
 from structlog.testing import capture_logs
 
 from imud.configuration.settings import Settings
+from imud.daemon.checkpoint_file import CheckpointFiles
 from imud.daemon.load import Load
 from imud.daemon.loop import Daemon
 from imud.daemon.state_store import StateStore
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.estimators.records import ATTITUDE_VALID, SOLUTION
+from imud.sensor_errors.calibration import Calibration
 
 MS, SECOND = 1_000_000, 1_000_000_000
 
@@ -94,19 +96,20 @@ def test_without_a_thread_left_the_state_is_kept_as_soon_as_there_is_one(monkeyp
     def no_thread(*_):
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr("imud.daemon.checkpoint_file.save", lambda sensor, port, checkpoint: saved.append(checkpoint))
+    monkeypatch.setattr(CheckpointFiles, "save", lambda files, checkpoint: saved.append(checkpoint))
     newest = np.zeros(1, SOLUTION)
     newest["sigma_bg"] = newest["sigma_ba"] = 1.0
     filter_ = SimpleNamespace(checkpoint=lambda: b"state", correction=None)
     sensor = SimpleNamespace(newest=newest[0], pipeline=SimpleNamespace(filter=filter_))
     configured, store = ImuConfigured(Identity("epson", ""), 1000.0, 1_000_000, 0, 0), StateStore()
+    store.load(configured, "/dev/imu", Calibration(""), Settings())
     with monkeypatch.context() as limited, capture_logs() as lines:
         limited.setattr("_thread.start_new_thread", no_thread)
         for second in range(1, 4):
-            store.save_when_due(configured, "/dev/imu", sensor, [], second * SECOND)
+            store.save_when_due(configured, sensor, [], second * SECOND)
     (line,) = lines
     assert "cannot be kept over a restart" in line["event"] and saved == []
-    store.save_when_due(configured, "/dev/imu", sensor, [], 4 * SECOND)
+    store.save_when_due(configured, sensor, [], 4 * SECOND)
     assert store._wait()
     assert saved == [b"state"]
 
@@ -114,22 +117,23 @@ def test_without_a_thread_left_the_state_is_kept_as_soon_as_there_is_one(monkeyp
 def test_a_disk_that_stalls_gets_one_checkpoint_at_a_time(monkeypatch):
     stalls, saved = threading.Event(), []
 
-    def save(sensor, port, checkpoint):
+    def save(files, checkpoint):
         stalls.wait(10.0)
         saved.append(checkpoint)
 
-    monkeypatch.setattr("imud.daemon.checkpoint_file.save", save)
+    monkeypatch.setattr(CheckpointFiles, "save", save)
     newest = np.zeros(1, SOLUTION)
     newest["sigma_bg"] = newest["sigma_ba"] = 1.0
     filter_ = SimpleNamespace(checkpoint=lambda: b"%d" % len(saved), correction=None)
     sensor = SimpleNamespace(newest=newest[0], pipeline=SimpleNamespace(filter=filter_))
     configured, store = ImuConfigured(Identity("epson", ""), 1000.0, 1_000_000, 0, 0), StateStore()
+    store.load(configured, "/dev/imu", Calibration(""), Settings())
     for second in range(1, 6):
-        store.save_when_due(configured, "/dev/imu", sensor, [], second * SECOND)
+        store.save_when_due(configured, sensor, [], second * SECOND)
     stalls.set()
     assert store._wait()
     assert saved == [b"0"]
-    store.save_when_due(configured, "/dev/imu", sensor, [], 6 * SECOND)
-    store.save_when_due(configured, "/dev/imu", sensor, [], 6 * SECOND + 500 * MS)
+    store.save_when_due(configured, sensor, [], 6 * SECOND)
+    store.save_when_due(configured, sensor, [], 6 * SECOND + 500 * MS)
     assert store._wait()
     assert saved == [b"0", b"1"]

@@ -7,7 +7,7 @@ import pytest
 
 from imud import folders
 from imud.compile import numba_cache
-from imud.daemon import checkpoint_file
+from imud.daemon.checkpoint_file import CheckpointFiles
 from imud.errors import ImudError
 from imud.sensor_errors import calibration, stored_biases
 from imud.sensor_errors.profiles import PROFILES
@@ -37,10 +37,11 @@ def test_the_users_own(monkeypatch):
     assert folders.folders_for("state") == [Path("/elsewhere/imud")]
 
 
-def test_a_file_is_replaced_as_a_whole_and_nothing_is_left_beside_it(tmp_path):
+@pytest.mark.parametrize("write", [folders.replace_file, folders.overwrite_file])
+def test_a_file_gets_a_new_content_and_nothing_is_left_beside_it(write, tmp_path):
     path = tmp_path / "new" / "state"
-    for content in (b"first", b"second"):
-        folders.replace_file(path, content)
+    for content in (b"first", b"the second", b"third"):
+        write(path, content)
         assert path.read_bytes() == content
     assert [other.name for other in path.parent.iterdir()] == ["state"]
     assert path.stat().st_mode & 0o777 == 0o600
@@ -70,14 +71,22 @@ ODD = {
 }
 
 
+@pytest.mark.parametrize("odd", [odd for odd in ODD if odd != "a folder"])
+def test_whatever_else_lies_in_the_place_of_a_file_is_replaced(odd, tmp_path):
+    path = tmp_path / "state"
+    ODD[odd](path)
+    folders.overwrite_file(path, b"new")
+    assert path.is_file() and not path.is_symlink() and path.read_bytes() == b"new"
+
+
 @pytest.mark.parametrize("odd", ODD)
 def test_whatever_lies_in_the_place_of_the_daemons_files_it_starts_without_them(odd, tmp_path, monkeypatch):
     for kind in ("state", "runtime"):
         monkeypatch.setenv(f"{kind.upper()}_DIRECTORY", str(tmp_path))
         monkeypatch.delenv(f"XDG_{kind.upper()}_HOME", raising=False)
-    for name in (checkpoint_file._name("S", "P"), stored_biases._name("S"), calibration._name("S")):
+    for name in (*CheckpointFiles("S", "P").names, stored_biases._name("S"), calibration._name("S")):
         ODD[odd](tmp_path / name)
-    assert checkpoint_file.take("S", "P", 10**9) == b""
+    assert CheckpointFiles("S", "P").take(10**9) == b""
     nothing = calibration.correction(calibration.Calibration(""), (0.0, 0.0, 0.0))
     assert stored_biases.load("S", nothing, 0, PROFILES["m-g350"]) is None
     with pytest.raises(ImudError, match="calibration-S"):  # reported by the daemon: it is not used

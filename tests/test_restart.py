@@ -1,6 +1,7 @@
 """A daemon that ended without warning goes on where it was, as after a gap in the samples, and no surer than that."""
 
 import os
+import shutil
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from test_power_on import AT_S, BEFORE_S, PATHS, PROFILE, RATE, SETTINGS, YAW, switch_on_biases
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
-from imud.daemon import checkpoint_file
+from imud.daemon.checkpoint_file import CheckpointFiles
 from imud.drivers.sample import RECONNECTED
 from imud.estimators.records import HEADING_VALID
 from imud.pipeline import Stored
@@ -131,14 +132,14 @@ SENSOR, PORT = "epson G350 W1", "/dev/ttyUSB0"
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "run"))
-    checkpoint_file.save(SENSOR, PORT, b"what a filter knows\n" * 9)
+    CheckpointFiles(SENSOR, PORT).save(b"what a filter knows\n" * 9)
     return tmp_path / "run"
 
 
 def test_a_checkpoint_is_taken_once(folder):
     assert len(list(folder.iterdir())) == 1
-    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"what a filter knows\n" * 9
-    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b""
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"what a filter knows\n" * 9
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b""
     assert not list(folder.iterdir())
 
 
@@ -148,27 +149,28 @@ def test_old_ones_of_sensors_that_did_not_come_back_are_removed(folder):
         os.utime(folder / name, (time.time() - age_s, time.time() - age_s))
     (folder / "filter-folder").mkdir()
     os.utime(folder / "filter-folder", (0, 0))
-    own = folder / checkpoint_file._name(SENSOR, PORT)
+    own = folder / CheckpointFiles(SENSOR, PORT).names[0]
     os.utime(own, (0, 0))  # the clock has stepped by years
-    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"what a filter knows\n" * 9
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"what a filter knows\n" * 9
     assert {path.name for path in folder.iterdir()} == {"filter-new", "biases-old", "filter-folder"}
 
 
 def test_it_is_kept_where_a_file_can_be_made(folder, monkeypatch):
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/proc/no/such/folder")
-    checkpoint_file.save(SENSOR, PORT, b"here")
-    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b"here"
+    CheckpointFiles(SENSOR, PORT).save(b"here")
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"here"
 
 
 def test_a_port_whose_path_is_no_utf_8_has_one(folder):
-    checkpoint_file.save(SENSOR, "/dev/\udcff", b"here")
-    assert checkpoint_file.take(SENSOR, "/dev/\udcfe", 10**9) == b""
-    assert checkpoint_file.take(SENSOR, "/dev/\udcff", 10**9) == b"here"
+    CheckpointFiles(SENSOR, "/dev/\udcff").save(b"here")
+    assert CheckpointFiles(SENSOR, "/dev/\udcfe").take(10**9) == b""
+    assert CheckpointFiles(SENSOR, "/dev/\udcff").take(10**9) == b"here"
 
 
 @pytest.mark.parametrize("asked", [("another sensor", PORT, 10**9), (SENSOR, "/dev/ttyUSB1", 10**9), (SENSOR, PORT, 0)])
 def test_of_another_sensor_port_or_time_there_is_none(folder, asked):
-    assert checkpoint_file.take(*asked) == b""
+    sensor, port, max_age_ns = asked
+    assert CheckpointFiles(sensor, port).take(max_age_ns) == b""
 
 
 @pytest.mark.parametrize(
@@ -185,4 +187,30 @@ def test_of_another_sensor_port_or_time_there_is_none(folder, asked):
 def test_a_file_that_is_not_what_was_written_is_as_none(folder, broken):
     (path,) = folder.iterdir()
     path.write_bytes(broken(path.read_bytes()))
-    assert checkpoint_file.take(SENSOR, PORT, 10**9) == b""
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b""
+
+
+def test_a_daemon_that_was_killed_while_it_wrote_leaves_the_checkpoint_before(folder):
+    files = CheckpointFiles(SENSOR, PORT)
+    for content in (b"one", b"two", b"three"):
+        files.save(content)
+    newest, before = (folder / name for name in files.names)
+    assert newest.read_bytes().endswith(b"\nthree") and before.read_bytes().endswith(b"\ntwo")
+    newest.write_bytes(newest.read_bytes()[:-1])
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"two"
+    assert not list(folder.iterdir())
+
+
+def test_the_newest_of_two_checkpoints_is_taken(folder):
+    files = CheckpointFiles(SENSOR, PORT)
+    for content in (b"a longer one", b"second", b"third", b"fourth"):
+        files.save(content)
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"fourth"
+
+
+def test_a_folder_that_is_removed_while_the_daemon_runs_is_made_anew(folder):
+    files = CheckpointFiles(SENSOR, PORT)
+    files.save(b"before")
+    shutil.rmtree(folder)
+    files.save(b"after")
+    assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"after"

@@ -174,7 +174,7 @@ class Devices:
         self._routes.record_clock(now_ns)
         if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.save_when_due(sensor.configured, port.spec.path, sensor, self.spares.to_store(port), now_ns)
+            self._store.save_when_due(sensor.configured, sensor, self.spares.to_store(port), now_ns)
         receivers = self.in_use.receivers()
         return min([self._stream_check.silent_from_ns(each) + 1 for each in receivers], default=NEVER_NS)
 
@@ -334,7 +334,7 @@ class Devices:
         """Close all ports."""
         if self.in_use.imu:
             port, sensor = self.in_use.imu
-            self._store.close(sensor.configured, port.spec.path, sensor, self.spares.to_store(port))
+            self._store.close(sensor.configured, sensor, self.spares.to_store(port))
         for port in self.ports:
             port.close()
         if self.corrections is not None:

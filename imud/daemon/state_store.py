@@ -6,6 +6,7 @@ which it goes on as after a gap in the samples; and how sensors sit against each
 
 import _thread
 import time
+from collections.abc import Callable
 
 from imud.drivers.driver import Identity, ImuConfigured
 
@@ -19,19 +20,23 @@ from ..sensor_errors.profiles import profile_of
 from ..sensor_errors.stored_rotation import StoredRotation
 from ..sensors.estimator_selection import AWAY_NS
 from ..sensors.inertial import Inertial
-from . import checkpoint_file
+from .checkpoint_file import CheckpointFiles
 
 _CHECKPOINT_NS, _BIASES_NS = 1_000_000_000, 5_000_000_000  # time between two writes
 _STALL_S = 0.5  # for which the end of the daemon waits for a write
 
 
 class StateStore:
-    """Writes in a thread: a disk may stall for seconds."""
+    """Writes in a thread of its own: a disk may stall for seconds."""
 
     def __init__(self) -> None:
         self._checkpoint_ns = self._biases_ns = 0  # when the next write is due
-        self._writing = _thread.allocate_lock()  # held by the thread that writes
-        self._warned = False
+        self._files: CheckpointFiles | None = None  # of the sensor in use
+        self._write: Callable[[], None] | None = None  # what the thread does next
+        self._writing = _thread.allocate_lock()  # held from the request until the thread has written
+        self._requested = _thread.allocate_lock()  # released to request it
+        self._requested.acquire()
+        self._has_thread = self._warned = False
 
     def load(self, configured: ImuConfigured, port: str, calibration: Calibration, settings: Settings) -> Stored:
         """What an earlier run knew of this very sensor on this port; biases only if it surely was not switched off.
@@ -39,7 +44,8 @@ class StateStore:
         settings: with the sensor's own profile and mounting.
         """
         serial = configured.identity.serial
-        checkpoint = checkpoint_file.take(_sensor(configured), port, AWAY_NS)
+        self._files = CheckpointFiles(_sensor(configured), port)
+        checkpoint = self._files.take(AWAY_NS)
         if not configured.still_powered or not serial:
             return Stored(None, checkpoint)
         corrected = correction(calibration, settings.imu.mount_rpy_deg)
@@ -47,17 +53,17 @@ class StateStore:
         return Stored(biases, checkpoint)
 
     def save_when_due(
-        self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
+        self, configured: ImuConfigured, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
     ) -> None:
-        """Call several times a second while the sensor streams: writes the state once a second."""
+        """Call several times a second while the sensor streams that was loaded last: writes the state once a second."""
         if now_ns >= self._checkpoint_ns and not self._writing.locked():
             self._checkpoint_ns = now_ns + _CHECKPOINT_NS
-            self._begin_save(configured, port, sensor, rotations, now_ns)
+            self._begin_save(configured, sensor, rotations, now_ns)
 
-    def close(self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation]) -> None:
+    def close(self, configured: ImuConfigured, sensor: Inertial, rotations: list[StoredRotation]) -> None:
         """Write the state at the end of the run."""
         if self._wait():
-            self._begin_save(configured, port, sensor, rotations, time.monotonic_ns())
+            self._begin_save(configured, sensor, rotations, time.monotonic_ns())
             self._wait()
 
     def _wait(self) -> bool:
@@ -68,9 +74,11 @@ class StateStore:
         return ended
 
     def _begin_save(
-        self, configured: ImuConfigured, port: str, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
+        self, configured: ImuConfigured, sensor: Inertial, rotations: list[StoredRotation], now_ns: int
     ) -> None:
-        if sensor.newest is None or not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
+        if (files := self._files) is None or sensor.newest is None:
+            return
+        if not (biases := stored_biases.biases_of(sensor.newest)).is_plausible:
             return
         checkpoint = sensor.pipeline.filter.checkpoint()
         due = now_ns >= self._biases_ns and bool(configured.identity.serial)
@@ -78,25 +86,35 @@ class StateStore:
             self._biases_ns = now_ns + _BIASES_NS
         corrected = sensor.pipeline.filter.correction.copy() if due else None
 
-        def save() -> None:
-            try:
-                if checkpoint:
-                    checkpoint_file.save(_sensor(configured), port, checkpoint)
-                if corrected is not None:
-                    stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
-                    for rotation in rotations:
-                        stored_rotation.save(rotation, now_ns)
-            except OSError as error:
-                self._warn(error)
-            finally:
-                self._writing.release()
+        def write() -> None:
+            if checkpoint:
+                files.save(checkpoint)
+            if corrected is not None:
+                stored_biases.save(configured.identity.serial, corrected, now_ns, biases)
+                for rotation in rotations:
+                    stored_rotation.save(rotation, now_ns)
 
         self._writing.acquire()
+        self._write = write
         try:
-            _thread.start_new_thread(save, ())  # without `threading`, whose start waits for the thread
+            if not self._has_thread:
+                _thread.start_new_thread(self._write_on_request, ())  # `threading` would wait for its start
+                self._has_thread = True
+            self._requested.release()
         except RuntimeError as error:  # the limit of threads, or of memory
             self._writing.release()
             self._warn(error)
+
+    def _write_on_request(self) -> None:
+        while True:
+            self._requested.acquire()
+            try:
+                if self._write:
+                    self._write()
+            except Exception as error:  # the disk's, mostly; with any other the thread must not end either
+                self._warn(error)
+            finally:
+                self._writing.release()
 
     def _warn(self, error: Exception) -> None:
         if not self._warned:

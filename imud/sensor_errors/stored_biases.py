@@ -85,7 +85,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
 def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     content = msgspec.json.encode(_File(serial, boot_id(), now_ns, _numbers(correction), biases))
-    save_in(folders_for("state"), _name(serial), content)
+    save_in([folder / _name(serial) for folder in folders_for("state")], content)
 
 
 def _name(serial: str) -> str:

@@ -99,7 +99,7 @@ def between(serial: str, other: str) -> StoredRotation | None:
 def save(rotation: StoredRotation, now_ns: int) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     content = msgspec.json.encode(msgspec.structs.replace(rotation, boot_id=boot_id(), monotonic_ns=now_ns))
-    save_in(folders_for("state"), _name(rotation.serial), content)
+    save_in([folder / _name(rotation.serial) for folder in folders_for("state")], content)
 
 
 def remove(rotation: StoredRotation) -> None:

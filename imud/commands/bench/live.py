@@ -18,6 +18,7 @@ from .table import Section
 _WARM_UP = 3000  # frames before the measurement: the detection listens, caches fill
 _TRACED = 2000  # frames
 _PYTHON = "once a second Python checks silence, clients and health, and stores the filter's state"
+_ALIKE = "both loops ask the same of Linux, 0.8 of a frame: other programs move the ratio by a few hundredths"
 _SCHEDULER = "most of it is the scheduler's: two wake-ups, of the tty's worker and of ours; on a loaded machine more"
 _STARVED = "this machine was too busy for a frame each millisecond: see the 99th percentile"
 _MEMORY = "something was compiled in the daemon itself: it is less at the next start"
@@ -49,7 +50,7 @@ def live(seconds: int) -> Section:
             percentiles = [np.percentile(c.latencies_ns, (50, 99)) * 1e-3 for c in contestants]
             ours = contestants[0]
             section.add("processor time per frame", used_us[0], "us")
-            _compare(section, "processor time against the C daemon", used_us, 1.5, why, _PYTHON)
+            _compare(section, "processor time against the C daemon", used_us, 1, why, _ALIKE)
             section.add("byte written to solution, median", percentiles[0][0], "us")
             _compare(section, "median against the C daemon", [p[0] for p in percentiles], 1.15, why, _SCHEDULER)
             _compare(section, "99th percentile against the C daemon", [p[1] for p in percentiles], None, why)

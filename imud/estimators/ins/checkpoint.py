@@ -27,9 +27,9 @@ CHECKPOINT = np.dtype(
 def checkpoint(state: Records) -> Records:
     """What `resume` needs (1 element)."""
     s, saved = state[0], np.zeros(1, CHECKPOINT)
-    for name in SNAPSHOT.names or ():
-        saved["core"][name] = s["core"][name]
-    for name in _KEPT:
+    for name, size in (("core", SNAPSHOT.itemsize), ("source_ages", None)):  # as bytes, a fifth of the time
+        saved[name].view(np.uint8)[:] = s[name].view(np.uint8)[:size]
+    for name in _TIMES:
         saved[name] = s[name]
     return saved
 

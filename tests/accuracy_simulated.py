@@ -114,7 +114,7 @@ def received(d, rng, name):
 
 
 def wheel_speeds(d, rng, sigma=0.05, every_s=0.1, late_s=0.02):
-    """MEASUREMENT rows of a wheel that tells backward from forward."""
+    """MEASUREMENT rows of a wheel whose speed has a sign."""
     k = np.arange(round(every_s * RATE), len(d.t), round(every_s * RATE))
     ahead = np.sum(d.attitude[k].apply([1.0, 0.0, 0.0]) * d.v[k], axis=1)
     turning = np.abs(ahead) > sigma  # a wheel that stands has no noise

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from accuracy_simulated import wheel_speeds
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter, smoothed_solutions
 from simulated_errors import averaged
 
+from imud.estimators.ins.checkpoint import checkpoint, resume
 from imud.estimators.ins.findings import findings
+from imud.estimators.ins.integrity.velocity_lag import LATE
 from imud.estimators.records import HEADING_VALID, NEW_RECEIVER, POSITION_VALID
 
 D = Later(drive, 180.0, speed=12.0)
@@ -52,7 +55,7 @@ def test_the_lag_is_that_of_a_regression_by_numpy(lag_s, every):
     assert g["lag"] == pytest.approx(lag_s, abs=4.0 * np.sqrt(g["variance"]))
     assert g["lag"] == pytest.approx(regressed_lag(fixes), abs=0.05)
     assert np.sqrt(g["variance"]) < 0.06
-    assert g["late"] == (lag_s > 0.5)
+    assert (g["late"] != 0) == (lag_s > 0.5)
 
 
 @pytest.mark.parametrize("every", [0.2, 1.0])
@@ -67,10 +70,10 @@ def test_a_velocity_that_lags_by_a_second_is_not_used_and_makes_nothing_wrong_an
     assert 0.01 * turned.sum() < 2.0
     assert np.abs(position[-6000:]).max() < 8.0
     assert known[-6000:].all()
-    assert state["velocity_lag"]["late"][0] == 1
+    assert state["velocity_lag"]["late"][0] != 0
 
 
-def test_it_is_a_finding():
+def test_a_late_velocity_is_a_finding():
     _, _, _, state = run(fixes_with(1.0, 7))
     assert "lags behind its own positions" in findings(SETTINGS, state)[0]
     assert findings(SETTINGS, run(fixes_with(0.1, 7))[3]) == ()
@@ -91,7 +94,7 @@ def test_the_velocity_of_another_receiver_is_used_again():
     other = len(fixes) // 2
     fixes[other:] = fixes_with(0.0, 9)[other:]
     fixes["flags"][other] = NEW_RECEIVER
-    assert run(fixes[:other])[3]["velocity_lag"]["late"][0] == 1
+    assert run(fixes[:other])[3]["velocity_lag"]["late"][0] != 0
     assert run(fixes)[3]["velocity_lag"]["late"][0] == 0
 
 
@@ -111,3 +114,37 @@ def test_smoothed_positions_do_without_the_velocities_that_lag():
     assert np.sqrt(np.mean(position[settled, :2] ** 2)) < 1.5
     assert np.sqrt(np.mean(velocity[settled, :2] ** 2)) < 0.15
     assert np.degrees(np.sqrt(np.mean(attitude[settled, 2] ** 2))) < 1.0
+
+
+def test_the_filter_begins_without_the_late_velocity_though_measurements_of_other_sources_come_later_still():
+    """They rewind the filter to before the fix by which it was found, which is then fused again."""
+    fixes, begin = fixes_with(0.0, 4), 300
+    fixes[begin:] = fixes_with(1.0, 4)[begin:]
+    speeds = wheel_speeds(D, np.random.default_rng(4))
+    speeds["arrival_ns"] = speeds["t_ns"] + 300_000_000
+    out, _, state = navigate(sensed(D, np.random.default_rng(4)), fixes, aiding=speeds)
+    assert state["velocity_lag"]["late"][0] == LATE
+    known = (out["status"] & HEADING_VALID) != 0
+    changes = np.flatnonzero(np.diff(known[2000:]))
+    assert 0.01 * np.diff(changes).max() > 10.0  # it is doubted for some tenths of a second before
+    assert not known[2000 + changes[np.argmax(np.diff(changes))] + 1]
+
+
+def test_a_restart_of_the_program_keeps_what_was_found():
+    _, _, _, state = run(fixes_with(1.0, 11))
+    restarted = new_filter("navigation", sensed(D, np.random.default_rng(1)), settings_of()).state
+    resume(restarted, checkpoint(state))
+    assert restarted["velocity_lag"]["late"][0] == LATE
+    assert findings(SETTINGS, restarted) == findings(SETTINGS, state)
+
+
+def test_the_pair_of_fixes_across_a_change_of_receivers_is_left_out():
+    """Their positions differ by 20 m, which would be noise of a pair."""
+    fixes = fixes_with(0.0, 12, 1.0)
+    other = len(fixes) // 2
+    fixes["lat"][other:] += 20.0 / 6.371e6
+    same = run(fixes.copy()[: other + 30])[3]["velocity_lag"][0]
+    fixes["flags"][other] = NEW_RECEIVER
+    changed = run(fixes[: other + 30])[3]["velocity_lag"][0]
+    assert changed["variance"] < same["variance"]
+    assert abs(changed["lag"]) < 4.0 * np.sqrt(changed["variance"])

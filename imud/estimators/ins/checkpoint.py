@@ -10,15 +10,17 @@ from ...math.arrays import Records
 from ..records import SOURCE_KINDS
 from .aiding.records import SOURCE_AGE
 from .core import SNAPSHOT
+from .integrity.records import VELOCITY_LAG
 from .state import IMU_RING
 
 _TIMES = ("last_epoch_ns", "last_time_offset", "last_fusion_ns")
-_KEPT = (*_TIMES, "source_ages")
+_KEPT = (*_TIMES, "source_ages", "velocity_lag")
 CHECKPOINT = np.dtype(
     [
         ("core", SNAPSHOT),
         *zip(_TIMES, ("<i8", "<f8", "<i8"), strict=True),
         ("source_ages", SOURCE_AGE, (SOURCE_KINDS,)),
+        ("velocity_lag", VELOCITY_LAG),
     ],
     align=True,
 )
@@ -29,7 +31,7 @@ def checkpoint(state: Records) -> Records:
     s, saved = state[0], np.zeros(1, CHECKPOINT)
     for name, size in (("core", SNAPSHOT.itemsize), ("source_ages", None)):  # as bytes, a fifth of the time
         saved[name].view(np.uint8)[:] = s[name].view(np.uint8)[:size]
-    for name in _TIMES:
+    for name in (*_TIMES, "velocity_lag"):
         saved[name] = s[name]
     return saved
 

@@ -320,6 +320,7 @@ STORED_MEASUREMENT = np.dtype(
         ("measurement", MEASUREMENT),  # if it is from another source
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
         ("velocity_epoch", VELOCITY_EPOCH),  # of a fix, when it was fused first
+        ("restarts", "<i8"),  # 1: at this fix the filter begins anew, without the receiver's velocity
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
         ("last_time_offset", "<f8"),

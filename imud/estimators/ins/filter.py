@@ -35,7 +35,14 @@ from .fusion_horizon import (
 from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.velocity_discrepancy import compare_with_positions, is_unused, judge_discrepancy, remove_velocity
-from .integrity.velocity_lag import detect_late_velocity, fit_time_offsets, learn_lag
+from .integrity.velocity_lag import (
+    FOUND_LATE,
+    USED,
+    detect_late_velocity,
+    fit_time_offsets,
+    learn_lag,
+    restarts_filter,
+)
 from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
@@ -134,14 +141,13 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
     if s.sample_count == 0 or not is_usable(fix):
         return 0
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
-    late = False
     if fix.t_ns >= s.last_epoch_ns and not too_new:
         compare_with_positions(p, c, s.velocity_discrepancy, fix)
         learn_lag(p, c, s.velocity_lag, s.velocity_discrepancy, fix)
-        late = detect_late_velocity(p, s.velocity_lag)
-        learn_fix_age(p, s, fix, s.velocity_lag.late == 0)
-        if late:
+        detect_late_velocity(p, s.velocity_lag)
+        if s.velocity_lag.late == FOUND_LATE:
             forget_fix_age(s.fix_age)
+        learn_fix_age(p, s, fix, s.velocity_lag.late == USED)
     found = is_fix_age_found(p, s.fix_age)
     if found:
         s.last_time_offset = s.fix_age.age
@@ -153,16 +159,15 @@ def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> 
         return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
         use_fix_age(p, c, s.fix_age, fix)
-    if late:
-        begin_without_velocity(p, c, fix)
-    elif s.velocity_lag.late == 0:
+    if s.velocity_lag.late == USED:
         fit_time_offsets(p, c, s.velocity_lag)
     judge_discrepancy(p, c, s.velocity_discrepancy)
     c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
-    s.aiding_ring[k % AIDING_RING].fix = fix
-    if s.velocity_lag.late != 0 or is_unused(s.velocity_discrepancy):
-        remove_velocity(s.aiding_ring[k % AIDING_RING].fix)
+    e = s.aiding_ring[k % AIDING_RING]
+    e.fix, e.restarts = fix, 1 if restarts_filter(s.velocity_lag) else 0
+    if s.velocity_lag.late != USED or is_unused(s.velocity_discrepancy):
+        remove_velocity(e.fix)
     return fuse_from(p, s, k, snapshots, innovations)
 
 
@@ -251,6 +256,8 @@ def fuse_stored(
         return fuse_source(p, c, e.measurement, innovations)
     store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
+    if e.restarts:
+        begin_without_velocity(p, c, e.fix)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
     if first:
         find_velocity_epoch(p, s, snapshots, age)

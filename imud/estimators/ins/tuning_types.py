@@ -310,7 +310,7 @@ class Tuning:
     lag_sigmas: float
     lag_noise_weight: float
     min_lag_pairs: float
-    lost_lag_s: float
+    max_credible_lag_s: float
     compass_offset_chi2: float
     likely_compass_offset_chi2: float
     wide_boresight_chi2: float

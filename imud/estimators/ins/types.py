@@ -726,6 +726,7 @@ class StoredMeasurement:
     measurement: Measurement
     age_variance: float
     velocity_epoch: VelocityEpoch
+    restarts: int
     bank: int
     last_epoch_ns: int
     last_time_offset: float

@@ -83,14 +83,14 @@ VELOCITY_LAG = np.dtype(  # of a receiver's velocity behind its own positions; s
         ("repeated", "<i8"),  # 1: its position was that of the fix before to the last digit
         ("pairs", "<f8"),
         ("change2", "<f8"),  # of the changes of the velocity, squared, over the variance of the noise; and so on
-        ("cross", "<f8"),  # change times way
-        ("travel2", "<f8"),  # way by the velocity, squared
+        ("cross", "<f8"),  # change times distance
+        ("travel2", "<f8"),  # distance by the velocity, squared
         ("change_sum", "<f8"),  # change times what the positions have moved more
         ("travel_sum", "<f8"),
         ("energy", "<f8"),
         ("lag", "<f8"),  # s, found from them
         ("variance", "<f8"),  # s^2; 0: nothing is known
-        ("late", "<i8"),  # 1: the velocity is so late that it is not used
+        ("late", "<i8"),  # USED, FOUND_LATE, LATE
     ],
     align=True,
 )

@@ -22,6 +22,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.rotation import Vector
+from ...records import NEW_RECEIVER
 from ...tuning import Tunable
 from ..aiding.gnss_noise import horizontal_sigma
 from ..aiding.gnss_velocity import velocity_of
@@ -69,7 +70,7 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
     if (c.integrity.frozen != 0 and g.repeated) or not math.isfinite(v_n + v_e):
         begin_comparison(g)
         return
-    if g.last_ns == NEVER_NS or not 0.0 < dt < p.tuning.max_chord_step_s:
+    if g.last_ns == NEVER_NS or fix.flags & NEW_RECEIVER != 0 or not 0.0 < dt < p.tuning.max_chord_step_s:
         begin_comparison(g)
     if g.count > 0:
         north, east = ned_difference(c, g.last_lat, g.last_lon, fix.lat, fix.lon)

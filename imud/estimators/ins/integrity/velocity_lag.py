@@ -10,9 +10,9 @@ Least squares over the pairs of points of the last minutes give the lag; the sca
 eliminated with a prior. The variance of the noise is that of the residuals, with the stated one as a prior, so that
 jumps of the positions are no evidence.
 
-A lag of some tenths of a second is an error state of the filter (VELOCITY_TIME_OFFSET). A velocity that is later for
-certain is smoothed as well, and is not used: neither its time nor its size is known. Positions that are later than the
-velocity are used, with time offsets that fit the lag.
+A lag of up to `max_lag_s` is estimated as an error state (VELOCITY_TIME_OFFSET). A velocity that is later for certain
+is smoothed, or of an earlier epoch, and is not used: neither its time nor its size is known. Positions that are later
+than the velocity are used, with time offsets that fit the lag.
 
 Source: weighted least squares with exponential forgetting (Ljung, System Identification, 2nd ed., 11.2).
 """
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from ...types import Fix
     from ..types import Core, Parameters, VelocityDiscrepancy, VelocityLag
 
+# whether the velocity is used; late, but the filter still has what it did; late
+USED, FOUND_LATE, LATE = 0, 1, 2
 TUNABLES = (
     Tunable("lag_memory_s", 300.0, "s", "Time constant of the sums over pairs of fixes.", "Choice."),
     Tunable("lag_scale_sigma", 0.3, "", "Sigma of the scale of a receiver's velocity, less one.", "Knots, feet."),
@@ -43,7 +45,7 @@ TUNABLES = (
     Tunable("lag_sigmas", 3.0, "sigma", "What is beyond that by so many is certain.", "Choice."),
     Tunable("lag_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
     Tunable("min_lag_pairs", 8.0, "pairs", "Pairs of fixes from which a lag is found.", "Choice."),
-    Tunable("lost_lag_s", 3.0, "s", "A lag that is larger is another fault.", "Choice."),
+    Tunable("max_credible_lag_s", 3.0, "s", "What looks like a larger lag is another fault.", "Choice."),
 )
 
 
@@ -57,7 +59,7 @@ def forget_pairs(g: VelocityLag) -> None:
 def learn_lag(p: Parameters, c: Core, g: VelocityLag, d: VelocityDiscrepancy, fix: Fix) -> None:
     """After a fix was compared with the positions: add the last two points of that.
 
-    Not at rest, where there is less noise, and not of a repeated position, which is late, but not for good.
+    Not at rest, where fixes have less noise than stated, and not where a position repeats: such a delay passes.
     """
     if fix.flags & NEW_RECEIVER != 0:
         forget_pairs(g)
@@ -115,20 +117,27 @@ def lag_beyond(p: Parameters, g: VelocityLag, expected: float) -> float:
     """What the lag differs by from the expected one, s, if the filter does not find that by itself; else 0."""
     away = g.lag - expected
     certain = abs(away) - p.tuning.lag_sigmas * math.sqrt(g.variance)
-    if g.variance == 0.0 or certain < p.tuning.max_lag_s or abs(g.lag) > p.tuning.lost_lag_s:
+    if g.variance == 0.0 or certain < p.tuning.max_lag_s or abs(g.lag) > p.tuning.max_credible_lag_s:
         return 0.0
     return away
 
 
 @kernel
-def detect_late_velocity(p: Parameters, g: VelocityLag) -> bool:
-    """After a fix: set whether its velocity is late; returns whether it was not before."""
-    if g.late == 0:
-        g.late = 1 if lag_beyond(p, g, 0.0) > 0.0 else 0
-        return g.late != 0
-    if g.variance > 0.0 and g.lag + p.tuning.lag_sigmas * math.sqrt(g.variance) < p.tuning.max_lag_s:
-        g.late = 0
-    return False
+def detect_late_velocity(p: Parameters, g: VelocityLag) -> None:
+    """After a fix: set whether its velocity is late."""
+    if g.late == USED:
+        g.late = FOUND_LATE if lag_beyond(p, g, 0.0) > 0.0 else USED
+    elif g.variance > 0.0 and g.lag + p.tuning.lag_sigmas * math.sqrt(g.variance) < p.tuning.max_lag_s:
+        g.late = USED
+
+
+@kernel
+def restarts_filter(g: VelocityLag) -> bool:
+    """At a fix that is fused: whether the filter begins anew with it, as its velocity has been found to be late."""
+    found = g.late == FOUND_LATE
+    if found:
+        g.late = LATE
+    return bool(found)
 
 
 @kernel

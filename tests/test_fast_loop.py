@@ -178,7 +178,7 @@ def test_a_late_batch_is_left_to_be_judged(rig):
 def test_more_bytes_than_one_reading_takes_are_all_read_though_no_others_come(rig):
     rig.begin()
     rig.frames(300)  # 6600 bytes
-    rig.turn(max_batch=BATCH)
+    rig.turn(max_batch=BATCH, for_ns=500_000_000)
     assert rig.samples == 302
 
 

@@ -68,14 +68,14 @@ def test_a_receiver_that_begins_to_drift_while_the_wheels_slip_is_found(seed, sh
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_receiver_that_begins_to_drift_as_the_vehicle_stops_has_no_stamps_that_stepped(seed):
+def test_a_receiver_that_begins_to_drift_as_the_vehicle_stops_leaves_the_position_within_10_m(seed):
     d, samples, fixes, rows = stopping(seed, turn=90.0)
     out, _ = estimated(samples, ramped(fixes, DRIFT_S, heading_at(d, DRIFT_S)), rows)
     assert np.hypot(*errors(d, out)[0][(d.t > DRIFT_S) & (d.t < DRIFT_S + 60.0), :2].T).max() < 10.0
 
 
 @pytest.mark.parametrize(("seed", "begin", "angle"), [(1, 112.5, 1.57), (2, 112.5, 0.8), (3, 113.5, -1.57)])
-def test_a_receiver_that_drifts_across_a_standing_vehicle_does_not_make_it_one_that_goes_sideways(seed, begin, angle):
+def test_a_receiver_that_drifts_across_a_standing_vehicle_leaves_the_position_within_15_m(seed, begin, angle):
     """The constraint of a land vehicle holds the velocity across the way, of an accelerometer that is shaken."""
     d, samples, fixes, rows = stopping(seed, turn=90.0, accel_psd=0.05)
     out, _ = estimated(samples, ramped(fixes, begin, heading_at(d, begin) + angle), rows)
@@ -94,7 +94,7 @@ def test_a_drift_that_begins_where_fixes_are_missing_is_found(seed):
 
 
 @pytest.mark.parametrize(("vehicle", "seed"), [("motorway", 1300), ("bicycle", 1301), ("tractor", 1300)])
-def test_what_contradicts_a_new_estimate_is_no_drift(vehicle, seed):
+def test_rounded_positions_of_centimetres_are_not_made_worse_by_wheels(vehicle, seed):
     """Positions of centimetres that are rounded to metres: wheels must not make them worse than they are."""
     row = figures(vehicle, "RTK", 0.0, seed, error="rounded", wheels=True)
     assert row["position s"] < 5.0
@@ -102,6 +102,6 @@ def test_what_contradicts_a_new_estimate_is_no_drift(vehicle, seed):
 
 
 def test_positions_further_off_than_a_receiver_drifts_are_the_estimates_error():
-    """Wheels tell how fast it goes, not where to; a heading that is wrong goes on otherwise for ten minutes."""
+    """Wheels measure how fast it goes, not where to; a heading that is wrong goes on otherwise for ten minutes."""
     row = figures("rally", "1 Hz positions", 0.0, 1301, error="multipath", wheels=True)
     assert row["position m"] < 60.0

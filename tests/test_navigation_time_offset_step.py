@@ -99,3 +99,14 @@ def test_an_onset_since_which_a_step_is_excluded_is_renewed(sigma_s, renewed):
     g.energy = d * g.vector + 300.0
     assert not interpreted(detect_time_offset_step)(p, c, 0.0)
     assert (g.onset_ns == c.nav.t_ns) == renewed
+
+
+@pytest.mark.parametrize(("explained_otherwise", "detected"), [(0.0, True), (99.0, True), (101.0, False)])
+def test_a_step_has_to_explain_more_than_another_cause(explained_otherwise, detected):
+    """One of 1 +- 0.1 s explains 100."""
+    p = configure(Settings(), 100.0).view(np.recarray)[0]
+    c = start(configure(Settings(), 100.0), Initial())["core"][0].view(np.recarray)[0]
+    g = c.time_offset_step
+    c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
+    g.information, g.vector, g.count, g.energy = 100.0, 100.0, 300, 400.0
+    assert interpreted(detect_time_offset_step)(p, c, explained_otherwise) == detected

@@ -75,7 +75,7 @@ def test_a_velocity_that_lags_by_a_second_is_not_used_and_makes_nothing_wrong_an
 
 def test_a_late_velocity_is_a_finding():
     _, _, _, state = run(fixes_with(1.0, 7))
-    assert "lags behind its own positions" in findings(SETTINGS, state)[0]
+    assert "lags behind its positions" in findings(SETTINGS, state)[0]
     assert findings(SETTINGS, run(fixes_with(0.1, 7))[3]) == ()
 
 

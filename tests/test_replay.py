@@ -229,7 +229,7 @@ def test_options_of_recordings_and_of_tables_are_not_ignored_with_the_other(tmp_
     assert not out.exists()
 
 
-def test_what_the_filter_has_found_out_about_the_receiver_is_said(drive, tmp_path):
+def test_replay_prints_what_the_filter_has_found_of_the_receiver(drive, tmp_path):
     """Its velocity is that of the fix before, a second earlier."""
     folder, _ = drive
     header, *lines = (folder / "gnss.csv").read_text().splitlines()
@@ -237,5 +237,5 @@ def test_what_the_filter_has_found_out_about_the_receiver_is_said(drive, tmp_pat
     late = [",".join([*row[:6], *before[6:]]) for before, row in zip(rows[:1] + rows, rows, strict=False)]
     (tmp_path / "gnss.csv").write_text("\n".join([header, *late]) + "\n")
     for fixes, is_late in ((tmp_path / "gnss.csv", True), (folder / "gnss.csv", False)):
-        said = replay("--imu", folder / "imu.csv", "--gnss", fixes, "-o", tmp_path / "est.csv").stderr
-        assert (b"velocity lags behind its own positions" in said) == is_late
+        printed = replay("--imu", folder / "imu.csv", "--gnss", fixes, "-o", tmp_path / "est.csv").stderr
+        assert (b"velocity lags behind its positions" in printed) == is_late

@@ -3,7 +3,7 @@
 A line is plain when its bytes come by reading the descriptor and nothing else in the daemon needs them. While the
 inertial sensor's line is plain, a wake-up for its bytes never leaves compiled code. Control returns to Python when
 anything else has happened or is due: an event of another descriptor, a signal, a deadline, a read that failed, a batch
-so late that publishing it is a decision, a client whose message is due. Ten times a second the loop compares what
+so late that publishing it is a decision, a client whose message is due. About ten times a second the loop compares what
 Python has to notice soon: the status of the newest solution, its age, and whether this process stood still. So there is
 one loop, which costs as little as one in C, and all errors are handled in Python.
 
@@ -50,7 +50,7 @@ FAST_LOOP = np.dtype(
 )
 _EVENTS = 3
 CHECK_NS = 100_000_000  # between two checks
-_LATE_NS = 20_000_000  # of a check, at most: a line with a frame meanwhile needs no wake-up for it
+_LATE_NS = 20_000_000  # of the timer for a check, at most: a frame that comes meanwhile makes the check
 PAUSE_NS = 500_000_000  # between two checks: this process did not run
 _CHUNK = SerialPort.chunk  # numba has no type for the class
 FAILED, PUBLISH_DUE = -1, -2

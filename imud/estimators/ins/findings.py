@@ -9,7 +9,7 @@ from .state import GNSS_LEVER_ARM, LAND, NAVIGATING, STATES
 
 _NO_LAND_VEHICLE = 'the vehicle moves sideways, or up and down: navigation.vehicle = "land" is not used'
 
-_FOUND = "; gnss_lever_arm_x_m, … of the filter's states are what was found"
+_FOUND = "; `imud status`, or `imud replay --states`, has what was found (gnss_lever_arm_x_m, …)"
 _ANTENNA_ELSEWHERE = (
     f"the fixes show an antenna that is not where navigation.lever_arm_m says: measure it again{_FOUND}"
 )
@@ -17,8 +17,8 @@ _ANTENNA_AWAY = (
     f"the fixes show an antenna away from the sensor, and navigation.lever_arm_m is not set: measure and set it{_FOUND}"
 )
 _LATE_VELOCITY = (
-    "the receiver's velocity lags behind its own positions, as it smooths it, and is not used: set a livelier dynamic "
-    "model in the receiver, or switch its smoothing off"
+    "the receiver's velocity lags behind its positions by more than 0.2 s and is not used: the receiver smooths it, or "
+    "sends that of an earlier epoch; choose a dynamic model for faster motion there, or switch its smoothing off"
 )
 _ELSEWHERE_M, _ELSEWHERE_SIGMAS = 0.5, 4.0
 _ARM_IN_P = [interpreted(packed_index)(STATES, k, k) for k in range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3)]

@@ -65,8 +65,8 @@ def set_time_offset(c: Core, seconds: float, var: float) -> None:
 def move_time_offset(c: Core, d: float, var: float) -> None:
     """Positions are late by d more, s, of variance var (s^2), and velocities are not: the estimate moves by v d.
 
-    P += var u u', with 1 at TIME_OFFSET, -1 at VELOCITY_TIME_OFFSET and the velocity at POSITION in u: an offset and a
-    displacement along the track cancel in every position.
+    Both time offsets lose their other correlations. P += var u u', with 1 at TIME_OFFSET, -1 at VELOCITY_TIME_OFFSET
+    and the velocity at POSITION in u: an offset and a displacement along the track cancel in every position.
     """
     v = c.nav.v_n
     of_velocity = variance(c, TIME_OFFSET) + 2.0 * covariance(c, TIME_OFFSET, VELOCITY_TIME_OFFSET)

@@ -158,7 +158,8 @@ def step_noise(p: Parameters, r: float) -> float:
 def return_limit(p: Parameters, c: Core, r: float) -> float:
     """Error, m/s, below which readings that became wrong at once may have returned; r: variance of a reading.
 
-    A constant error keeps its size; a slip is a share of the speed.
+    The error is taken for a slip, which is a share of the speed: the limit shrinks as the vehicle slows. Of a constant
+    error that is the stricter limit.
     """
     g = c.odometer
     size = g.step * min(speed_of(c) / max(g.step_speed, p.tuning.odometer_dead_speed), 1.0)

@@ -63,7 +63,7 @@ def overwrite_file(path: Path, content: bytes) -> None:
     """
     try:
         _write_in_place(path, content)
-    except OSError:  # there is none, or it is no regular file, or another user's
+    except OSError:  # there is none, or it is no regular file, has other names, or is another user's
         replace_file(path, content)
 
 
@@ -71,8 +71,8 @@ def _write_in_place(path: Path, content: bytes) -> None:
     fd = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY)
     try:
         before = os.fstat(fd)
-        if not stat.S_ISREG(before.st_mode):
-            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        if not stat.S_ISREG(before.st_mode) or before.st_nlink != 1 or before.st_uid != os.geteuid():
+            raise OSError(errno.EINVAL, "it is no regular file of ours alone", str(path))
         left = memoryview(content)
         while left:
             left = left[os.write(fd, left) :]

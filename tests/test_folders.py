@@ -91,3 +91,11 @@ def test_whatever_lies_in_the_place_of_the_daemons_files_it_starts_without_them(
     assert stored_biases.load("S", nothing, 0, PROFILES["m-g350"]) is None
     with pytest.raises(ImudError, match="calibration-S"):  # reported by the daemon: it is not used
         calibration.load("S", [tmp_path])
+
+
+def test_what_has_another_name_keeps_its_content_there(tmp_path):
+    (tmp_path / "other").write_bytes(b"old")
+    os.link(tmp_path / "other", tmp_path / "state")
+    folders.overwrite_file(tmp_path / "state", b"new")
+    assert (tmp_path / "state").read_bytes() == b"new"
+    assert (tmp_path / "other").read_bytes() == b"old"

@@ -212,7 +212,10 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
 
 @kernel
 def begin_without_velocity(p: Parameters, c: Core, fix: Fix) -> None:
-    """The receiver's velocity is late: what was found with it is wrong, but for a heading that a compass gives anew."""
+    """Begin anew at a fix: the receiver's velocity is late, so what was found with it is wrong.
+
+    A compass gives its heading again.
+    """
     clear_contradictions(c)
     if c.alignment.mode == NAVIGATING:
         change_mode(p, c, HEADING_WRONG)

@@ -187,7 +187,7 @@ def step_gate(p: Parameters, c: Core, forward: Vector, z: float, s: float, r: fl
     """Gate of a reading with innovation z of variance s, r of the reading: while they are wrong at once, their return.
 
     Without the inflation P would let any reading pass. Where readings are back at the integrated force and the estimate
-    is not, what has corrected it meanwhile is in doubt: a receiver that began to drift while the wheels slipped.
+    is not, what has corrected it meanwhile may be wrong: a receiver that began to drift while the wheels slipped.
     """
     g = c.odometer
     if g.step == 0.0:

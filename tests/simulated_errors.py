@@ -141,6 +141,11 @@ def multipath(d, fixes, rng):
     return shifted(d, fixes, *error.T)
 
 
+def outliers(d, fixes, rng, sigma_m):
+    """One position in twenty is off by so much (1 sigma) in each axis; the stated accuracy does not change."""
+    return shifted(d, fixes, *((rng.random(len(fixes)) < 0.05)[:, None] * rng.normal(0.0, sigma_m, (len(fixes), 3))).T)
+
+
 def creeping(d, fixes, rng):
     """Positions creep away by 0.5 m/s for 40 s, and come back at once."""
     t = (fixes["t_ns"] - fixes["t_ns"][0]) * 1e-9
@@ -231,6 +236,8 @@ ERRORS = {
     "smoothed 0.5 s": on_fixes(lambda d, fixes, _: smoothed(d, fixes, 0.5)),
     "smoothed 0.2 s": on_fixes(lambda d, fixes, _: smoothed(d, fixes, 0.2)),
     "multipath": on_fixes(multipath),
+    "outliers 20 m": on_fixes(lambda d, fixes, rng: outliers(d, fixes, rng, 20.0)),
+    "outliers 100 m": on_fixes(lambda d, fixes, rng: outliers(d, fixes, rng, 100.0)),
     "creeping": on_fixes(creeping),
     "static hold": on_fixes(static_hold),
     "mixed epochs": on_fixes(mixed_epochs),

@@ -170,11 +170,11 @@ def test_the_effect_of_a_drift_on_the_estimate_is_predicted():
     """Against the difference of two runs, one with a creep so slow that the filter is linear in it.
 
     Of a free vehicle: how loosely a land vehicle keeps to its axis is learned from what the creep does, too. So is the
-    receiver's noise, unless it is beyond the most that is learned, as here.
+    receiver's noise, but for here.
     """
-    free = Settings(navigation=Navigation(vehicle="free", tuning={"warm_up_share": 0.0}))
+    free = Settings(navigation=Navigation(vehicle="free", tuning={"warm_up_share": 0.0, "noise_gain": 0.0}))
     rng = np.random.default_rng(1)
-    samples, fixes = sensed(D, rng), received(D, rng, late=0.2, hdop=0.05, sigma=0.1, white=0.6, speed_sigma=0.5)
+    samples, fixes = sensed(D, rng), received(D, rng, late=0.2, sigma=0.1)
     cut = fixes[fixes["t_ns"] < 258 * 10**9]
     still, _, s = navigate(samples[: at(158.2)], cut, free)
     c, rate = s["core"][0, 0], 2e-5  # of 1e-4 one fit of the acceleration has another length

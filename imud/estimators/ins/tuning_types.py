@@ -114,6 +114,7 @@ class Tuning:
     gnss_return_gate: float
     burst_psd: float
     burst_s: float
+    outlier_count: int
     reset_count: int
     reset_s: float
     max_inflation: float
@@ -301,6 +302,7 @@ class Tuning:
     max_chord_speed: float
     max_chord_turn: float
     discrepancy_gate: float
+    discrepancy_accel: float
     discrepancy_rejects: int
     velocity_lag_sigma: float
     trapezoid_share: float

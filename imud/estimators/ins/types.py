@@ -235,6 +235,7 @@ class Integrity:
     rejecting: int
     reject_count: Integers
     reject_start_ns: Integers
+    inconsistent_count: int
     outage_at_reject_s: float
     reject_offset: Reals
     reject_velocity: Reals
@@ -308,6 +309,7 @@ class VelocityDrift:
 class ChordPoint:
     t_ns: int
     sum: Reals
+    median: Reals
     velocity: Reals
     variance: float
 

@@ -66,6 +66,13 @@ TUNABLES = (
         "Longest time since the last used fix for which a position beyond its gate may be explained by velocity noise.",
         "Choice.",
     ),
+    Tunable(
+        "outlier_count",
+        2,
+        "fixes",
+        "Largest number of positions that may be outliers, and are no evidence of a fault that lasts.",
+        "Choice.",
+    ),
     Tunable("reset_count", 5, "fixes", "Number of rejected fixes before the filter is reset to them.", "Choice."),
     Tunable(
         "reset_s",
@@ -216,7 +223,8 @@ def clear_rejection(c: Core) -> None:
 def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     """Time, s, for which the rejected positions have been consistent with the velocity, within the errors of both.
 
-    Call for each rejected fix; an inconsistent position restarts the time. supported: see `velocity_is_supported`.
+    Call for each rejected fix. Of inconsistent positions in a row the first `outlier_count` may be outliers: 0 s at
+    these; a further one restarts the time. supported: see `velocity_is_supported`.
     """
     g = c.integrity
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[HORIZONTAL])
@@ -229,7 +237,11 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
         inconsistent = (
             inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
         )
+    g.inconsistent_count = g.inconsistent_count + 1 if inconsistent else 0
+    if g.reject_count[HORIZONTAL] > 1 and 0 < g.inconsistent_count <= p.tuning.outlier_count:
+        return 0.0
     if g.reject_count[HORIZONTAL] == 1 or inconsistent:
+        g.inconsistent_count = 0
         g.reject_start_ns[HORIZONTAL] = c.nav.t_ns
         for i in range(2):
             g.reject_offset[i] = bias_free_innovation(c, i)

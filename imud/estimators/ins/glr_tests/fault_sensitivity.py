@@ -233,3 +233,12 @@ def chi2_beyond(information: float, vector: float, energy: float, count: float) 
         return 0.0
     explained = vector * vector / information
     return float(explained / max((energy - explained) / count, 1.0))
+
+
+@kernel
+def explains_most(explained: float, energy: float, count: float) -> bool:
+    """Whether a fault explains most of what the innovations have beyond noise: one outlier among others is no fault.
+
+    Of `count` innovations z of variance s: energy, the sum of z^2 / s, and what of it the fault explains.
+    """
+    return bool(explained > 0.5 * (energy - count))

@@ -4,7 +4,8 @@ The variance of the old offset is small, so the filter would reject the fixes or
 offset since an onset is a fault of `fault_sensitivity`. Least squares over the innovations of positions and velocities
 since the onset, also of those that were rejected, gives d. Its chi-square is divided by the mean square of the
 residuals, so that errors of the receiver in any direction are no evidence of a step, and a constant jump of the
-position is eliminated first: only changes of the velocity distinguish the two. The onset is the last fix whose
+position is eliminated first: only changes of the velocity distinguish the two. But the step has to explain most of the
+innovations without a jump, too, which it does not if one of them is an outlier. The onset is the last fix whose
 innovations were as expected, or after which a step could be excluded.
 
 When a step is detected, the fault is removed, and P += sigma^2 u u', with 1 at TIME_OFFSET and the velocity at
@@ -23,7 +24,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..state import NEVER_NS, POSITION, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
-from .fault_sensitivity import chi2_beyond, open_column, remove_fault, set_sensitivity
+from .fault_sensitivity import chi2_beyond, explains_most, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -155,6 +156,7 @@ def detect_time_offset_step(p: Parameters, c: Core, explained_otherwise: float) 
         chi2 > p.tuning.time_offset_step_chi2
         and p.tuning.min_time_offset_step_s < abs(d) < p.tuning.max_time_offset_step_s
         and explained_by_time_offset_step(c) > explained_otherwise
+        and explains_most(explained_by_time_offset_step(c), g.energy, g.count)
     ):
         apply_time_offset_step(c, d, p.tuning.time_offset_step_sigma * abs(d))
         open_time_offset_step(c)

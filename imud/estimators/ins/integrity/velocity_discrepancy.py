@@ -3,8 +3,10 @@
 The way from fix to fix less the integral of the velocity is a sum that stays where both are right. Its rate over a
 chord is the discrepancy, its variance follows from the errors that a receiver has. A jump of the position is in one
 chord only. So a discrepancy is what two successive chords of the same length have in common: the smaller of their
-rates, if both have the same sign and are beyond their gates. Chords of several lengths run beside each other: short
-ones find a large discrepancy soon, long ones a small one at all.
+rates, if both have the same sign, are beyond their gates, and differ by no more than the error of a velocity may change
+meanwhile. Chords of several lengths run beside each other: short ones find a large discrepancy soon, long ones a small
+one at all. An outlier would be an end of two chords: so every point but the newest is the median of itself and its
+neighbours, which a discrepancy and a jump do not change.
 
 Which of the two is wrong? Positions drift no faster and for no longer than `max_drift_speed` and `max_reject_s` say;
 beyond that the velocity is wrong. It is wrong as well where the estimate has rejected it, that is where the inertial
@@ -46,6 +48,7 @@ TUNABLES = (
     Tunable("max_chord_speed", 1000.0, "m/s", "Positions that move faster have jumped.", "Choice."),
     Tunable("max_chord_turn", 1e-3, "rad", "Largest turn of north from fix to fix, as at a pole.", "Choice."),
     Tunable("discrepancy_gate", 9.0, "NIS", "Gate of the rate of a chord.", "Three sigma, twice."),
+    Tunable("discrepancy_accel", 10.0, "m/s^2", "Fastest change of a velocity's error.", "Vehicles, but for impacts."),
     Tunable("discrepancy_rejects", 2, "fixes", "Rejected velocities in a row by which they are wrong.", "Choice."),
     Tunable("velocity_lag_sigma", 0.3, "s", "Lag of a velocity behind its position.", "Recorded receivers."),
     Tunable("trapezoid_share", 0.25, "", "Error of a velocity's mean between two fixes over its change.", "Choice."),
@@ -88,9 +91,20 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
     point = g.points[g.count % CHORD_POINTS]
     point.t_ns, point.variance = fix.t_ns, g.sum_variance
     for i in range(2):
-        point.sum[i], point.velocity[i] = g.sum[i], g.last_velocity[i]
+        point.sum[i], point.median[i], point.velocity[i] = g.sum[i], g.sum[i], g.last_velocity[i]
     g.count += 1
+    if g.count > 2:
+        remove_outlier(g)
     find_discrepancy(p, c, g, horizontal_sigma(p, fix))
+
+
+@kernel
+def remove_outlier(g: VelocityDiscrepancy) -> None:
+    """Set the median of the point before the newest, in each axis."""
+    before, after = g.points[(g.count - 3) % CHORD_POINTS].sum, g.points[(g.count - 1) % CHORD_POINTS].sum
+    point = g.points[(g.count - 2) % CHORD_POINTS]
+    for i in range(2):
+        point.median[i] = min(max(point.sum[i], min(before[i], after[i])), max(before[i], after[i]))
 
 
 @kernel
@@ -107,7 +121,16 @@ def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int
     t = 1e-9 * (b.t_ns - a.t_ns)
     lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
     r = chord_variance(p, c, a, b, t, sigma) + lag2
-    return (b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+    rate = ((b.median[0] - a.median[0]) / t, (b.median[1] - a.median[1]) / t)
+    return rate[0], rate[1], r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+
+
+@kernel
+def is_common(p: Parameters, g: VelocityDiscrepancy, n: int, now: Vector, before: Vector) -> bool:
+    """Whether the rates of two successive chords of n points (see `chord_rate`) may be of one error of a velocity."""
+    t = 1e-9 * (g.points[(g.count - 1) % CHORD_POINTS].t_ns - g.points[(g.count - 1 - n) % CHORD_POINTS].t_ns)
+    most2 = (p.tuning.discrepancy_accel * t) ** 2 + p.tuning.discrepancy_gate * (now[2] + before[2])
+    return bool(difference2(now[0], now[1], before[0], before[1]) <= most2)
 
 
 @kernel
@@ -129,7 +152,8 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
             continue
         now, before = chord_rate(p, c, g, g.count - 1, n, sigma), chord_rate(p, c, g, g.count - 1 - n, n, sigma)
         now2, before2 = now[0] ** 2 + now[1] ** 2, before[0] ** 2 + before[1] ** 2
-        if now2 > gate * now[2] and before2 > gate * before[2] and now[0] * before[0] + now[1] * before[1] > 0.0:
+        beyond = now2 > gate * now[2] and before2 > gate * before[2]
+        if beyond and now[0] * before[0] + now[1] * before[1] > 0.0 and is_common(p, g, n, now, before):
             common = now if now2 < before2 else before
             if min(now2, before2) > largest2:
                 largest2, longest = min(now2, before2), n

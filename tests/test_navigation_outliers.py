@@ -1,0 +1,46 @@
+"""Single positions far away, one in twenty: they are rejected, and no fault is found that they look like."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate
+from navigation_simulation import Later, drive, errors, received, sensed
+from simulated_errors import outliers
+
+D = Later(drive, 160.0, speed=12.0)
+
+
+def run(fixes, d=D):
+    """(horizontal errors, m; estimate; state)."""
+    out, _, state = navigate(sensed(d, np.random.default_rng(1), bg=(0.002, -0.001, 0.0015)), fixes)
+    return errors(d, out)[0][:, :2], out, state
+
+
+@pytest.mark.parametrize("sigma_m", [20.0, 100.0])
+@pytest.mark.parametrize("kind", ["1 Hz", "5 Hz", "rtk"])
+def test_outliers_do_not_move_the_estimate(kind, sigma_m):
+    """Those of a receiver that goes on for 20 s with right positions first; then as without them, to a metre."""
+    rng = np.random.default_rng(4)
+    sigma = 0.02 if kind == "rtk" else 1.0
+    fixes = received(D, rng, late=0.1, sigma=sigma, white=0.3 * sigma, every=1.0 if kind == "1 Hz" else 0.2)
+    if kind == "rtk":
+        fixes["sigma"] = (0.03, 0.03, 0.05)
+    k = fixes["t_ns"] > 120 * 10**9
+    wrong = fixes.copy()
+    wrong[k] = outliers(D, fixes[k], np.random.default_rng(5), sigma_m)
+    clean, _, _ = run(fixes)
+    p, _, state = run(wrong)
+    assert np.nanmax(np.abs(p - clean)) < (1.0 if kind == "rtk" else 2.5)
+    assert state["velocity_discrepancy"]["verdict"][0] == 0
+    assert abs(state["core"][0, 0]["nav"]["time_offset"]) < 0.15
+
+
+def test_outliers_do_not_keep_the_filter_from_positions_that_have_jumped():
+    """Of 40 m for good: the filter is reset to them after reset_s, though one in eight is an outlier."""
+    fixes = received(D, np.random.default_rng(4), late=0.1, sigma=1.0)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    fixes["lat"][t >= 80.0] += 40.0 / 6.37e6
+    fixes["lat"][np.isin(np.round(t), (83.0, 91.0, 99.0, 107.0))] += 200.0 / 6.37e6
+    p, out, _ = run(fixes)
+    at = int(100 * 95.0)
+    assert abs(p[at, 0]) == pytest.approx(40.0, abs=5.0)
+    assert out["sigma_p"][at, 0] > 10.0  # either may be right

@@ -175,6 +175,20 @@ def static_hold(_, fixes, __):
     return fixes
 
 
+def held_course(_, fixes, __):
+    """Below 1 m/s the course of a receiver without a velocity vector stands still, while its speed goes on."""
+    for i in np.flatnonzero(fixes["speed"][1:] < 1.0) + 1:
+        fixes["course"][i] = fixes["course"][i - 1]
+    return fixes
+
+
+def twice(_, fixes, __):
+    """Every fix comes again, 50 ms later: over a second line, or from two programs."""
+    fixes = np.repeat(fixes, 2)
+    fixes["arrival_ns"][1::2] += 50_000_000
+    return fixes
+
+
 def mixed_epochs(_, fixes, __):
     """Its velocity is that of the fix before: NMEA's RMC or VTG ahead of the GGA of its epoch."""
     for name in ("v", "speed", "course"):
@@ -240,6 +254,8 @@ ERRORS = {
     "outliers 100 m": on_fixes(lambda d, fixes, rng: outliers(d, fixes, rng, 100.0)),
     "creeping": on_fixes(creeping),
     "static hold": on_fixes(static_hold),
+    "held course": on_fixes(held_course),
+    "twice": on_fixes(twice),
     "mixed epochs": on_fixes(mixed_epochs),
     "held": on_fixes(held),
     "rounded": on_fixes(rounded),

@@ -5,6 +5,7 @@ import pytest
 from accuracy_simulated import figures
 from navigation_runner import navigate, settings_of
 from navigation_simulation import drive, errors, received, sensed
+from simulated_errors import twice
 
 from imud.estimators.records import COASTING, REJECTING
 
@@ -76,3 +77,23 @@ def test_positions_that_a_receiver_repeats_now_and_then_say_nothing_new():
     row = figures("multicopter", "RTK", 0.0, 1300, error="held")
     assert row["position m"] < 0.1
     assert row["position s"] == row["yaw s"] == row["tilt s"] == 0.0
+
+
+def test_a_fix_that_comes_twice_is_used_once():
+    """Over two lines, say: the estimate is as without the second, until the next sample after each fix."""
+    d = drive(150.0, speed=8.0)
+    rng = np.random.default_rng(8)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2)
+    once, rows, _ = navigate(samples, fixes)
+    again, rows_again, _ = navigate(samples, twice(d, fixes, rng))
+    assert np.array_equal(once["v"], again["v"], equal_nan=True)
+    assert np.array_equal(once["sigma_rpy"], again["sigma_rpy"])
+    assert (rows["kind"] < 5).sum() == (rows_again["kind"] < 5).sum()
+
+
+def test_a_course_that_a_slow_receiver_holds_is_no_direction():
+    """A robot that turns below 1 m/s: its heading is right all the same, found from the positions."""
+    for seed in (1700, 1701):
+        row = figures("robot", "1 Hz", 0.0, seed, error="held course")
+        assert row["yaw s"] < 5.0  # 180 and 115 s, where it is used
+        assert row["position s"] == 0.0

@@ -346,6 +346,8 @@ STATE = np.dtype(
         ("aiding_count", "<i8"),  # measurements kept
         ("snapshot_count", "<i8"),  # snapshots ever taken, less those withdrawn
         ("sample_count", "<i8"),  # samples ever put into the ring
+        ("fix", FIX),  # the last one given, as it is used
+        ("last_course", "<f8"),  # rad, of that, as it was reported
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused
         ("last_time_offset", "<f8"),  # s, as found at that fix
         ("last_fusion_ns", "<i8"),  # and the time of the core at which it was fused

@@ -34,6 +34,7 @@ from .fusion_horizon import (
 )
 from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
+from .integrity.frozen_receiver import course_is_held, is_same_fix
 from .integrity.velocity_discrepancy import compare_with_positions, is_unused, judge_discrepancy, remove_velocity
 from .integrity.velocity_lag import (
     FOUND_LATE,
@@ -131,15 +132,19 @@ def initialize(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals, rpy: Reals
 
 
 @kernel
-def update(p: Parameters, s: State, fix: Fix, innovations: list[Innovation]) -> int:
+def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]) -> int:
     """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written.
 
     One that is older than the last one, or than the fusion horizon, is rejected, unless only a time offset beyond that
-    makes it so.
+    makes it so; one that comes twice is used once.
     """
-    c = s.core[0]
-    if s.sample_count == 0 or not is_usable(fix):
+    c, fix = s.core[0], s.fix
+    if s.sample_count == 0 or not is_usable(reported) or is_same_fix(reported, fix):
         return 0
+    held = course_is_held(p, reported, s.last_course)
+    s.fix, s.last_course = reported, reported.course
+    if held:
+        fix.course = math.nan
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
     if fix.t_ns >= s.last_epoch_ns and not too_new:
         compare_with_positions(p, c, s.velocity_discrepancy, fix)

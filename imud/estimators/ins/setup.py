@@ -100,6 +100,7 @@ def start(parameters: Records, initial: Initial) -> Records:
             c[record][name] = NEVER_NS
     for name in ("last_epoch_ns", "last_fusion_ns"):
         s[name] = NEVER_NS
+    s["last_course"] = math.nan
     s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
     s["velocity_lag"]["last_ns"] = NEVER_NS
     s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS

@@ -278,6 +278,7 @@ class Tuning:
     max_reject_share: float
     frozen_min_m: float
     repeated_s: float
+    max_held_course_speed: float
     onset_interval_s: float
     min_drift_s: float
     min_drift_fixes: int

@@ -751,6 +751,8 @@ class State:
     aiding_count: int
     snapshot_count: int
     sample_count: int
+    fix: Fix
+    last_course: float
     last_epoch_ns: int
     last_time_offset: float
     last_fusion_ns: int

@@ -1,7 +1,8 @@
 """A frozen receiver: it repeats a position, or a velocity, to the last digit although the vehicle moves.
 
 Where the position is frozen and the velocity is not, the velocity is still used. So it is where a receiver that
-reports more often than it measures repeats a position once or twice.
+reports more often than it measures repeats a position once or twice. A fix that comes twice, as over two lines of a
+receiver, says nothing new. Slow, many receivers hold the course, while the speed goes on.
 """
 
 from __future__ import annotations
@@ -36,6 +37,13 @@ TUNABLES = (
         "s",
         "Time for which a repeated position is not used, unless the vehicle is at rest.",
         "Receivers that report more often than they measure: 1 Hz.",
+    ),
+    Tunable(
+        "max_held_course_speed",
+        2.0,
+        "m/s",
+        "Speed below which a course that repeats to the last digit is held.",
+        "The noise of a slow receiver's course is degrees.",
     ),
 )
 
@@ -89,3 +97,20 @@ def velocity_is_repeated(c: Core, fix: Fix) -> bool:
         g.last_velocity[i] = fix.v[i]
     g.last_speed, g.last_course = fix.speed, fix.course
     return repeated
+
+
+@kernel
+def is_same_fix(fix: Fix, last: Fix) -> bool:
+    """Whether the fix is the last one again: its epoch, and all that it reports of position and velocity."""
+    same = fix.t_ns == last.t_ns and fix.lat == last.lat and fix.lon == last.lon
+    same = same and is_repeated(fix.height, last.height) and is_repeated(fix.speed, last.speed)
+    for i in range(3):
+        same = same and is_repeated(fix.v[i], last.v[i])
+    return bool(same)
+
+
+@kernel
+def course_is_held(p: Parameters, fix: Fix, last_course: float) -> bool:
+    """Whether the receiver holds its course, as it is slow: the velocity then has a direction of before."""
+    slow = fix.speed < p.tuning.max_held_course_speed and not math.isfinite(fix.v[0])
+    return bool(slow and fix.course == last_course)

@@ -223,6 +223,18 @@ def outages(_, fixes, rng):
     return fixes[kept]
 
 
+def reacquired(d, fixes, rng):
+    """As `outages`, and then the position is off by 20 m (1 sigma) in each axis, and comes back within some 8 s."""
+    t = (fixes["t_ns"] - fixes["t_ns"][0]) * 1e-9
+    error, kept, begin = np.zeros((len(t), 3)), np.ones(len(t), bool), rng.uniform(20.0, 60.0)
+    while begin < t[-1]:
+        end = begin + rng.uniform(5.0, 20.0)
+        kept &= (t < begin) | (t > end)
+        error += (np.exp(-np.maximum(t - end, 0.0) / 8.0) * (t > end))[:, None] * rng.normal(0.0, 20.0, 3)
+        begin = end + rng.uniform(10.0, 60.0)
+    return shifted(d, fixes, *error.T)[kept]
+
+
 def too_sure(_, fixes, __):
     """The receiver states a third of its error."""
     fixes["sigma"] /= 3.0
@@ -261,6 +273,7 @@ ERRORS = {
     "rounded": on_fixes(rounded),
     "arrival": on_fixes(stamped_at_arrival),
     "outages": on_fixes(outages),
+    "reacquired": on_fixes(reacquired),
     "too sure": on_fixes(too_sure),
     "seldom": on_fixes(seldom),
 }

@@ -44,3 +44,20 @@ def test_outliers_do_not_keep_the_filter_from_positions_that_have_jumped():
     at = int(100 * 95.0)
     assert abs(p[at, 0]) == pytest.approx(40.0, abs=5.0)
     assert out["sigma_p"][at, 0] > 10.0  # either may be right
+
+
+@pytest.mark.parametrize("every", [0.2, 1.0])
+def test_a_position_that_is_off_after_an_outage_bends_nothing_else(every):
+    """The first one is 70 m off and comes back within 8 s; the velocity is right, and decides."""
+    fixes = received(D, np.random.default_rng(6), late=0.1, sigma=1.0, every=every)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    off = np.where(t > 100.0, np.exp(-np.maximum(t - 100.0, 0.0) / 8.0), 0.0)
+    fixes["lat"] += 50.0 * off / 6.37e6
+    fixes["lon"] -= 50.0 * off / 6.37e6
+    out, _, state = navigate(sensed(D, np.random.default_rng(1)), fixes[(t < 80.0) | (t > 100.0)])
+    position, velocity, attitude = errors(D, out)
+    since = slice(int(100 * 101.5), None)
+    assert np.abs(velocity[since, :2]).max() < 2.5
+    assert np.degrees(np.abs(attitude[since, 2])).max() < 2.0
+    assert np.hypot(*position[-1, :2]) < 5.0
+    assert state["velocity_discrepancy"]["verdict"][0] < 3  # the velocity is not called wrong

@@ -16,6 +16,7 @@ from .aiding.gnss_gate import (
     clear_contradictions,
     contradicts_heading,
     decay_reset_score,
+    ends_outage,
     reject_frozen,
 )
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
@@ -104,9 +105,13 @@ def fuse_and_align(
         reset_to_fix(p, c, fix)
     if c.alignment.mode == COARSE_ALIGNMENT:
         align_with_fix(p, c, b, fix)
+    after_outage = ends_outage(p, c)
+    if after_outage:
+        rows = fuse_gnss_velocity(p, c, fix, innovations, rows)
     if not first:
         rows = fuse_gnss_position(p, c, fix, age, innovations, rows)
-    rows = fuse_gnss_velocity(p, c, fix, innovations, rows)
+    if not after_outage:
+        rows = fuse_gnss_velocity(p, c, fix, innovations, rows)
     if c.alignment.mode == NAVIGATING:
         inflate_earlier_estimates(p, c)
     return rows

@@ -197,6 +197,17 @@ def was_coasting(p: Parameters, c: Core, outage_s: float) -> bool:
 
 
 @kernel
+def ends_outage(p: Parameters, c: Core) -> bool:
+    """Whether the fix is the first one after an outage.
+
+    Its velocity is fused first then: signals that are back show it at once, while the position may be off for seconds.
+    """
+    return bool(
+        c.integrity.reject_count[HORIZONTAL] == 0 and was_coasting(p, c, 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns))
+    )
+
+
+@kernel
 def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, nis: float) -> None:
     """Store the velocity error that explains the rejected position, of this NIS: the estimate may be wrong instead.
 

@@ -9,7 +9,8 @@ one at all. An outlier would be an end of two chords: so every point but the new
 neighbours, which a discrepancy and a jump do not change.
 
 Which of the two is wrong? Positions drift no faster and for no longer than `max_drift_speed` and `max_reject_s` say;
-beyond that the velocity is wrong. It is wrong as well where the estimate has rejected it, that is where the inertial
+beyond that the velocity is wrong, unless the estimate uses it and rejects the positions: these come back fast after an
+outage. It is wrong as well where the estimate has rejected it, that is where the inertial
 sensor has not measured such a change. Until one of these decides, either may be wrong: the discrepancy is part of the
 stated velocity, and what it has done since it began of the stated position. A wrong velocity is not used; one that may
 be wrong is used while navigating, but not in coarse alignment, where nothing holds against it.
@@ -170,6 +171,14 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
 
 
 @kernel
+def is_confirmed(c: Core) -> bool:
+    """Whether the estimate uses the velocities and rejects the positions: the inertial sensor measures what they do."""
+    g = c.integrity
+    used = c.alignment.mode == NAVIGATING and g.velocity_reject_count == 0
+    return bool(used and g.reject_count[HORIZONTAL] > 0)
+
+
+@kernel
 def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
     """Set the verdict, and what the discrepancy adds to the stated variances while that is open.
 
@@ -181,6 +190,7 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
         return
     since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
     too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed and not g.repeated
+    too_fast = too_fast and not is_confirmed(c)
     too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
     rejected = c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count >= p.tuning.discrepancy_rejects
     if too_fast or too_long or rejected:

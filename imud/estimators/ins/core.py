@@ -262,6 +262,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("age_variance", "<f8"),  # s^2, of the measurement that is fused
         ("fix_age_probability", "<f8"),  # that the time offset is wrong; this and the next change with new fixes
         ("fix_age_error2", "<f8"),  # s^2, mean square of the time offset's error; 0: no ages have been compared
+        ("drift", "<f8", (2,)),  # m, what the positions may have drifted until the fix that is fused
         ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
         ("discrepancy_onset_ns", "<i8"),
         ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
@@ -321,6 +322,10 @@ STORED_MEASUREMENT = np.dtype(
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
         ("velocity_epoch", VELOCITY_EPOCH),  # of a fix, when it was fused first
         ("restarts", "<i8"),  # 1: at this fix the filter begins anew, without the receiver's velocity
+        ("discrepancy", "<f8", (2,)),  # m/s, of its velocity against its positions, where open
+        ("discrepancy_s", "<f8"),  # time for which there has been one; 0: none is open
+        ("velocity_lost", "<i8"),  # 1: from this fix on the velocity is not used
+        ("discrepancy_lasts", "<i8"),  # 1: from this fix on it is longer than positions drift
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
         ("last_epoch_ns", "<i8"),  # these three as in STATE, before a fix
         ("last_time_offset", "<f8"),

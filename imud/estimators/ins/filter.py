@@ -35,7 +35,13 @@ from .fusion_horizon import (
 from .glr_tests.compass_offset import open_compass_offset
 from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.frozen_receiver import course_is_held, is_same_fix
-from .integrity.velocity_discrepancy import compare_with_positions, is_unused, judge_discrepancy, remove_velocity
+from .integrity.velocity_discrepancy import (
+    allow_for_discrepancy,
+    compare_with_positions,
+    is_unused,
+    judge_discrepancy,
+    remove_velocity,
+)
 from .integrity.velocity_lag import (
     FOUND_LATE,
     USED,
@@ -166,11 +172,11 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
         use_fix_age(p, c, s.fix_age, fix)
     if s.velocity_lag.late == USED:
         fit_time_offsets(p, c, s.velocity_lag)
-    judge_discrepancy(p, c, s.velocity_discrepancy)
     c.scratch.fix_age_probability, c.scratch.fix_age_error2 = s.fix_age.probability, mean_square_error(c, s.fix_age)
     k = insert_measurement(s, t_ns, GNSS_FIX)
     e = s.aiding_ring[k % AIDING_RING]
     e.fix, e.restarts = fix, 1 if restarts_filter(s.velocity_lag) else 0
+    judge_discrepancy(p, c, s.velocity_discrepancy, e)
     if s.velocity_lag.late != USED or is_unused(s.velocity_discrepancy):
         remove_velocity(e.fix)
     return fuse_from(p, s, k, snapshots, innovations)
@@ -263,6 +269,7 @@ def fuse_stored(
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     if e.restarts:
         begin_without_velocity(p, c, e.fix)
+    allow_for_discrepancy(c, e)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
     if first:
         find_velocity_epoch(p, s, snapshots, age)

@@ -107,6 +107,7 @@ class Tuning:
     lever_arm_odds: float
     bias_free_gate: float
     offset_velocity_gate: float
+    ended_drift_share: float
     late_fix_accel: float
     min_course_speed: float
     gnss_velocity_gate: float

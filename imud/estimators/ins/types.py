@@ -593,6 +593,7 @@ class Scratch:
     age_variance: float
     fix_age_probability: float
     fix_age_error2: float
+    drift: Reals
     discrepancy2: Reals
     discrepancy_onset_ns: int
     stated_variances: Reals
@@ -729,6 +730,10 @@ class StoredMeasurement:
     age_variance: float
     velocity_epoch: VelocityEpoch
     restarts: int
+    discrepancy: Reals
+    discrepancy_s: float
+    velocity_lost: int
+    discrepancy_lasts: int
     bank: int
     last_epoch_ns: int
     last_time_offset: float

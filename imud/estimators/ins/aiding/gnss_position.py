@@ -39,6 +39,7 @@ from .gnss_noise import (
     mark_used,
     second_order_error,
 )
+from .gnss_reset import allow_for_drift
 from .gnss_time import confirm_survey_epochs
 
 if TYPE_CHECKING:
@@ -61,6 +62,14 @@ TUNABLES = (
         "",
         "Square of a change of velocity over its variance from which it shows the time offset.",
         "Three sigma.",
+    ),
+    Tunable(
+        "ended_drift_share",
+        0.5,
+        "",
+        "Error of a drift of the positions that has ended, as a share of it.",
+        "Its rate and its onset are found late.",
+        high=1.0,
     ),
     Tunable("late_fix_accel", 1.0, "m/s^2", "Acceleration assumed from a fix to its fusion.", "Choice."),
 )
@@ -136,6 +145,20 @@ def excess_variance(c: Core, lever: Vector, extra: float) -> float:
 
 
 @kernel
+def drift_has_ended(p: Parameters, c: Core) -> bool:
+    """Whether a horizontal position that would be rejected goes back over what those used before may have drifted.
+
+    The receiver's velocity has contradicted them since then, so that one of the two was wrong. How far they have
+    drifted is known to a share of it only.
+    """
+    if c.integrity.reject_count[HORIZONTAL] > 0:
+        return False
+    z, drift = c.scratch.position_innovation, c.scratch.drift
+    far2, left2 = drift[0] ** 2 + drift[1] ** 2, (z[0] + drift[0]) ** 2 + (z[1] + drift[1]) ** 2
+    return bool(left2 < p.tuning.ended_drift_share**2 * far2)
+
+
+@kernel
 def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations: list[Innovation], n: int) -> int:
     """Gate and fuse the position, which was true `age` s before the core's time; returns the rows of innovations.
 
@@ -153,6 +176,9 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
         extra += hold_offset_velocity(p, c, velocity)
     nis = max_nis(p, c, lever, extra, 0, 2)
     receiver_share = 0.0
+    if nis > p.tuning.gnss_position_gate and drift_has_ended(p, c):
+        allow_for_drift(c)
+        nis = max_nis(p, c, lever, extra, 0, 2)
     if nis > p.tuning.gnss_position_gate:
         receiver_share = split_excess(p, c, excess_variance(c, lever, extra))
     after_rejects = c.integrity.reject_count[HORIZONTAL] > 0

@@ -119,3 +119,10 @@ def allow_for_wrong_velocity(c: Core) -> None:
     for i in range(2):
         add_variance(c, VELOCITY + i, c.drift.velocity[i] ** 2)
         add_variance(c, GNSS_VELOCITY_BIAS + i, c.drift.velocity[i] ** 2)
+
+
+@kernel
+def allow_for_drift(c: Core) -> None:
+    """State what positions that drifted, until they came back, have done to the estimate."""
+    for i in range(2):
+        add_variance(c, POSITION + i, c.scratch.drift[i] ** 2)

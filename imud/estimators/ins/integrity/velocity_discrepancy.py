@@ -38,7 +38,7 @@ from .reset_inflation import inflate_position
 
 if TYPE_CHECKING:
     from ...types import Fix
-    from ..types import ChordPoint, Core, Parameters, VelocityDiscrepancy
+    from ..types import ChordPoint, Core, Parameters, StoredMeasurement, VelocityDiscrepancy
 
 CHORDS = (1, 2, 4, 8, 16)  # lengths in points
 # verdicts: of the second and the third either may be wrong; the velocity is used in the first two
@@ -117,13 +117,24 @@ def chord_variance(p: Parameters, c: Core, a: ChordPoint, b: ChordPoint, t: floa
 
 @kernel
 def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int, sigma: float) -> Vector:
-    """Rate north and east over the n points until point `last`, m/s, and its variance; sigma: of the position, m."""
+    """Rate north and east over the n points until point `last`, m/s, by medians, and its variance.
+
+    sigma: of the position, m.
+    """
     a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
     t = 1e-9 * (b.t_ns - a.t_ns)
     lag2 = p.tuning.velocity_lag_sigma**2 * difference2(b.velocity[0], b.velocity[1], a.velocity[0], a.velocity[1])
     r = chord_variance(p, c, a, b, t, sigma) + lag2
-    rate = ((b.median[0] - a.median[0]) / t, (b.median[1] - a.median[1]) / t)
-    return rate[0], rate[1], r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+    variance = r / (t * t) + p.tuning.gnss_velocity_bias_sigma**2
+    return (b.median[0] - a.median[0]) / t, (b.median[1] - a.median[1]) / t, variance
+
+
+@kernel
+def away_from_held(g: VelocityDiscrepancy, last: int, n: int) -> float:
+    """Squared difference of the rate over the n points until point `last` from the one held, m^2/s^2."""
+    a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
+    t = 1e-9 * (b.t_ns - a.t_ns)
+    return difference2((b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, g.rate[0], g.rate[1])
 
 
 @kernel
@@ -146,23 +157,24 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
 
     sigma: of the position, m.
     """
-    gate, largest2, longest, refuted = p.tuning.discrepancy_gate, 0.0, 0, False
-    held_n, held_e = g.rate[0], g.rate[1]
+    gate, largest2, longest, refuted, last = p.tuning.discrepancy_gate, 0.0, 0, False, g.count - 1
+    common_n = common_e = 0.0
     for n in CHORDS:
         if g.count <= 2 * n:
             continue
-        now, before = chord_rate(p, c, g, g.count - 1, n, sigma), chord_rate(p, c, g, g.count - 1 - n, n, sigma)
+        now, before = chord_rate(p, c, g, last, n, sigma), chord_rate(p, c, g, last - n, n, sigma)
         now2, before2 = now[0] ** 2 + now[1] ** 2, before[0] ** 2 + before[1] ** 2
         beyond = now2 > gate * now[2] and before2 > gate * before[2]
         if beyond and now[0] * before[0] + now[1] * before[1] > 0.0 and is_common(p, g, n, now, before):
             common = now if now2 < before2 else before
             if min(now2, before2) > largest2:
                 largest2, longest = min(now2, before2), n
-                g.rate[0], g.rate[1] = common[0], common[1]
+                common_n, common_e = common[0], common[1]
         refuted = refuted or (
-            difference2(now[0], now[1], held_n, held_e) > gate * now[2]
-            and difference2(before[0], before[1], held_n, held_e) > gate * before[2]
+            away_from_held(g, last, n) > gate * now[2] and away_from_held(g, last - n, n) > gate * before[2]
         )
+    if longest > 0:
+        g.rate[0], g.rate[1] = common_n, common_e
     if longest == 0 and refuted:
         g.onset_ns, g.verdict = NEVER_NS, AGREES
         g.rate[0] = g.rate[1] = 0.0
@@ -179,11 +191,13 @@ def is_confirmed(c: Core) -> bool:
 
 
 @kernel
-def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
+def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, e: StoredMeasurement) -> None:
     """Set the verdict, and what the discrepancy adds to the stated variances while that is open.
 
-    When the velocity is not used any more, the estimate has followed it since the onset: P has that from then on.
+    e: the fix, which gets what `allow_for_discrepancy` does whenever it is fused.
     """
+    e.velocity_lost = e.discrepancy_lasts = 0
+    e.discrepancy_s = 0.0
     for i in range(2):
         c.scratch.discrepancy2[i] = 0.0
     if g.onset_ns == NEVER_NS:
@@ -197,13 +211,11 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
         g.verdict = VELOCITY_WRONG
     elif last < UNUSED:
         g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
-    if too_long and last < VELOCITY_WRONG:  # the least certain of the three
-        for i in range(2):
-            inflate_position(c, i, (g.rate[i] * since_s) ** 2)
-    if last < UNUSED and g.verdict >= UNUSED:
-        allow_for_discrepancy(c, g, since_s)
-        restart_in_motion_alignment(c)
-        reset_glr_tests(c)
+    e.discrepancy_s = since_s
+    e.discrepancy_lasts = 1 if too_long and last < VELOCITY_WRONG else 0
+    e.velocity_lost = 1 if last < UNUSED and g.verdict >= UNUSED else 0
+    for i in range(2):
+        e.discrepancy[i] = g.rate[i]
     if g.verdict < VELOCITY_WRONG:
         c.scratch.discrepancy_onset_ns = g.onset_ns
         for i in range(2):
@@ -211,13 +223,24 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy) -> None:
 
 
 @kernel
-def allow_for_discrepancy(c: Core, g: VelocityDiscrepancy, since_s: float) -> None:
-    """Add to P what a wrong velocity has done for `since_s`."""
+def allow_for_discrepancy(c: Core, e: StoredMeasurement) -> None:
+    """Before a fix is fused: state what the discrepancy may have done until now.
+
+    When the velocity is not used any more, the estimate has followed it since the onset: P has that from then on. A
+    discrepancy that has lasted for too long leaves it least certain which of the two is wrong.
+    """
     for i in range(2):
-        v2 = g.rate[i] ** 2
-        add_variance(c, VELOCITY + i, v2)
-        add_covariance(c, POSITION + i, VELOCITY + i, v2 * since_s)
-        add_variance(c, POSITION + i, v2 * since_s**2)
+        v2 = e.discrepancy[i] ** 2
+        c.scratch.drift[i] = e.discrepancy[i] * e.discrepancy_s
+        if e.discrepancy_lasts:
+            inflate_position(c, i, v2 * e.discrepancy_s**2)
+        if e.velocity_lost:
+            add_variance(c, VELOCITY + i, v2)
+            add_covariance(c, POSITION + i, VELOCITY + i, v2 * e.discrepancy_s)
+            add_variance(c, POSITION + i, v2 * e.discrepancy_s**2)
+    if e.velocity_lost:
+        restart_in_motion_alignment(c)
+        reset_glr_tests(c)
 
 
 @kernel

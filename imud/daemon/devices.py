@@ -204,6 +204,7 @@ class Devices:
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
+        self._is_no_closed_spare(port)
         self._descriptors.add(port, fd)
 
     def unwatch(self, fd: int) -> None:
@@ -238,7 +239,6 @@ class Devices:
             receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud)
             self.in_use.gnss = InUse(port, receiver)
             self._routes.record(port, receiver, now_ns)
-        self._closed_spares[driver.kind].discard(port)
         self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         self._warn_without_imu()
@@ -247,7 +247,13 @@ class Devices:
 
     def not_connected(self, port: Port) -> None:
         """An attempt has found no device that can be used."""
+        self._is_no_closed_spare(port)
         self._warn_without_imu()
+
+    def _is_no_closed_spare(self, port: Port) -> None:
+        """A port was tried: what was there is a closed spare no more, and what is there now may be another device."""
+        for ports in self._closed_spares.values():
+            ports.discard(port)
 
     def _warn_without_imu(self) -> None:
         """Say once what becomes of a receiver alone, as soon as every port has been tried."""

@@ -1,0 +1,126 @@
+"""Other devices behind the same names: what a port was for a device before is not what it is for the next one."""
+
+import contextlib
+import math
+import os
+
+import pytest
+
+from imud.configuration.settings import Settings
+from imud.daemon import ports
+from imud.daemon.devices import Devices
+from imud.daemon.fast_loop import FastLoop
+from imud.daemon.port_states import PortState
+from imud.drivers.dialogue import Exchange
+from imud.drivers.driver import GnssConfigured, Identity, ImuConfigured
+from imud.drivers.errors import PortAbsentError
+from imud.drivers.registry import by_name
+from imud.process.contained import ContainedErrors
+from imud.recording.control import Recordings
+
+RECEIVER = GnssConfigured(Identity("nmea", "NMEA receiver"))
+SENSOR = ImuConfigured(Identity("epson", "M-G350", "S1"), 1000.0, 1_000_000, 0, 0)
+ONE, OTHER = "/dev/ttyUSB0", "/dev/ttyUSB1"
+
+
+class Line:
+    """An open line that never has bytes."""
+
+    plain, warning, counters = False, "", {}
+
+    def __init__(self):
+        self.fd = os.eventfd(0)
+
+    def close(self):
+        os.close(self.fd)
+
+
+class Driver:
+    """A driver whose devices are set up as they are."""
+
+    def __init__(self, name, configured):
+        self._driver, self._configured = by_name(name), configured
+
+    def __getattr__(self, name):
+        return getattr(self._driver, name)
+
+    def configure(self, *_):
+        return found(self._configured)
+
+
+def found(what):
+    """A dialogue that listens, and has then found it."""
+    yield Exchange(listen_s=60.0)
+    return what
+
+
+class Machine:
+    """A daemon's devices, and what is behind each name: `plugged`, by path."""
+
+    def __init__(self, devices, plugged):
+        self.devices, self.plugged = devices, plugged
+        self.ports = {port.spec.path: port for port in devices.ports}
+
+    def pass_time(self):
+        """Have all happen that happens by itself."""
+        for _ in range(12):
+            due_s = [port.deadline_s for port in self.devices.ports if port.deadline_s < math.inf]
+            self.devices.on_time(max(due_s, default=0.0))
+
+    def unplug(self, path):
+        """What streams there goes away."""
+        del self.plugged[path]
+        self.ports[path].lost("unplugged")
+
+
+@pytest.fixture
+def machine(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    plugged = {}
+
+    def open_line(spec):
+        if spec.path not in plugged:
+            raise PortAbsentError(spec.path, "absent")
+        return Line()
+
+    monkeypatch.setattr(ports, "open_line", open_line)
+    monkeypatch.setattr(ports, "search", lambda spec, *_: found(plugged[spec.path].identity))
+    monkeypatch.setattr(ports, "by_name", lambda name: Driver(name, {"nmea": RECEIVER, "epson": SENSOR}[name]))
+    settings = Settings(ports=(ONE, OTHER))
+    with contextlib.closing(FastLoop()) as fast_loop, Recordings(settings) as recordings:
+        devices = Devices(settings, True, fast_loop, recordings, ContainedErrors())
+        yield Machine(devices, plugged)
+        devices.close()
+
+
+def test_a_port_of_a_spare_receiver_that_has_got_a_sensor_is_tried_again_when_that_went_away(machine):
+    """A receiver that streams keeps spare receivers closed; this one is none any more."""
+    machine.plugged |= {ONE: RECEIVER, OTHER: RECEIVER}
+    machine.pass_time()
+    assert machine.ports[ONE].state is PortState.STREAMING and machine.ports[OTHER].state is PortState.RELEASED
+    machine.unplug(ONE)
+    machine.plugged[OTHER] = SENSOR
+    machine.pass_time()
+    assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]
+    machine.unplug(OTHER)
+    machine.plugged[ONE] = RECEIVER
+    machine.pass_time()
+    assert machine.devices.in_use.gnss and machine.devices.in_use.gnss.port is machine.ports[ONE]
+    machine.plugged[OTHER] = SENSOR
+    machine.pass_time()
+    assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]
+
+
+def test_a_port_from_which_a_spare_receiver_has_gone_is_tried_on(machine):
+    """Nobody knows what is plugged in there next."""
+    machine.plugged |= {ONE: RECEIVER, OTHER: RECEIVER}
+    machine.pass_time()
+    machine.unplug(ONE)
+    del machine.plugged[OTHER]
+    machine.pass_time()
+    assert machine.ports[OTHER].state is PortState.WAITING
+    machine.plugged[ONE] = RECEIVER
+    machine.pass_time()
+    machine.plugged[OTHER] = SENSOR
+    machine.pass_time()
+    assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import time
 
 import pytest
 
@@ -66,6 +67,7 @@ class Machine:
         for _ in range(12):
             due_s = [port.deadline_s for port in self.devices.ports if port.deadline_s < math.inf]
             self.devices.on_time(max(due_s, default=0.0))
+            self.devices.tick(0, time.monotonic_ns())
 
     def unplug(self, path):
         """What streams there goes away."""
@@ -84,6 +86,7 @@ def machine(monkeypatch, tmp_path):
         return Line()
 
     monkeypatch.setattr(ports, "open_line", open_line)
+    monkeypatch.setattr(ports, "check_port", lambda spec: open_line(spec).close())
     monkeypatch.setattr(ports, "search", lambda spec, *_: found(plugged[spec.path].identity))
     monkeypatch.setattr(ports, "by_name", lambda name: Driver(name, {"nmea": RECEIVER, "epson": SENSOR}[name]))
     settings = Settings(ports=(ONE, OTHER))
@@ -124,3 +127,16 @@ def test_a_port_from_which_a_spare_receiver_has_gone_is_tried_on(machine):
     machine.plugged[OTHER] = SENSOR
     machine.pass_time()
     assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]
+
+
+def test_a_sensor_plugged_in_where_a_spare_receiver_was_is_found(machine):
+    """Also while the first receiver streams: the spare may have been plugged in there by mistake."""
+    machine.plugged |= {ONE: RECEIVER, OTHER: RECEIVER}
+    machine.pass_time()
+    assert machine.ports[OTHER].state is PortState.RELEASED
+    del machine.plugged[OTHER]
+    machine.pass_time()
+    machine.plugged[OTHER] = SENSOR
+    machine.pass_time()
+    assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]
+    assert machine.devices.in_use.gnss and machine.devices.in_use.gnss.port is machine.ports[ONE]

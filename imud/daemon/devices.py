@@ -169,6 +169,8 @@ class Devices:
             self._compare(*self.in_use.imu)
         if self.corrections is not None:
             self.corrections.forward(now_ns, self.in_use.gnss.port.forward if self.in_use.gnss else None)
+        for port in [port for ports in self._closed_spares.values() for port in ports]:
+            port.notice_absence()
         for port in self.ports:
             port.log_line_warning()
         self._routes.record_clock(now_ns)

@@ -157,6 +157,16 @@ class Port:
         if self._line is None:
             self.deadline_s = at_s
 
+    def notice_absence(self) -> None:
+        """Of a released device: if it was unplugged, look for what is plugged in next. Call it now and then."""
+        if self.state is PortState.RELEASED and self.spec.server is None:
+            try:
+                check_port(self.spec)
+            except PortAbsentError:
+                self.schedule_retry(0.0)
+            except PortError:
+                pass
+
     def reject(self, why: str) -> None:
         """Close an unsuitable device, and try again later: another may be there then."""
         self._close(PortEvent.FAILED)

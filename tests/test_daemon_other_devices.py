@@ -16,11 +16,14 @@ from imud.drivers.dialogue import Exchange
 from imud.drivers.driver import GnssConfigured, Identity, ImuConfigured
 from imud.drivers.errors import PortAbsentError
 from imud.drivers.registry import by_name
+from imud.errors import UsageError
 from imud.process.contained import ContainedErrors
 from imud.recording.control import Recordings
 
 RECEIVER = GnssConfigured(Identity("nmea", "NMEA receiver"))
 SENSOR = ImuConfigured(Identity("epson", "M-G350", "S1"), 1000.0, 1_000_000, 0, 0)
+UNSUITABLE = ImuConfigured(Identity("epson", "gyroless"), 1000.0, 1_000_000, 0, 0, gyro_axes=(False, False, False))
+DEVICES = {device.identity: device for device in (RECEIVER, SENSOR, UNSUITABLE)}
 ONE, OTHER = "/dev/ttyUSB0", "/dev/ttyUSB1"
 
 
@@ -39,14 +42,14 @@ class Line:
 class Driver:
     """A driver whose devices are set up as they are."""
 
-    def __init__(self, name, configured):
-        self._driver, self._configured = by_name(name), configured
+    def __init__(self, name):
+        self._driver = by_name(name)
 
     def __getattr__(self, name):
         return getattr(self._driver, name)
 
-    def configure(self, *_):
-        return found(self._configured)
+    def configure(self, identity, options):
+        return found(DEVICES[identity])
 
 
 def found(what):
@@ -88,8 +91,8 @@ def machine(monkeypatch, tmp_path):
     monkeypatch.setattr(ports, "open_line", open_line)
     monkeypatch.setattr(ports, "check_port", lambda spec: open_line(spec).close())
     monkeypatch.setattr(ports, "search", lambda spec, *_: found(plugged[spec.path].identity))
-    monkeypatch.setattr(ports, "by_name", lambda name: Driver(name, {"nmea": RECEIVER, "epson": SENSOR}[name]))
-    settings = Settings(ports=(ONE, OTHER))
+    monkeypatch.setattr(ports, "by_name", Driver)
+    settings = Settings(ports=(ONE, OTHER), estimator="navigation")
     with contextlib.closing(FastLoop()) as fast_loop, Recordings(settings) as recordings:
         devices = Devices(settings, True, fast_loop, recordings, ContainedErrors())
         yield Machine(devices, plugged)
@@ -140,3 +143,21 @@ def test_a_sensor_plugged_in_where_a_spare_receiver_was_is_found(machine):
     machine.pass_time()
     assert machine.devices.in_use.imu and machine.devices.in_use.imu.port is machine.ports[OTHER]
     assert machine.devices.in_use.gnss and machine.devices.in_use.gnss.port is machine.ports[ONE]
+
+
+def test_a_sensor_that_will_not_do_ends_the_start(machine):
+    machine.plugged[ONE] = UNSUITABLE
+    with pytest.raises(UsageError, match="needs all gyros"):
+        machine.pass_time()
+
+
+def test_one_that_is_plugged_in_later_ends_nothing_also_if_it_is_the_first_sensor(machine):
+    """A receiver's positions are passed on meanwhile."""
+    machine.plugged[OTHER] = RECEIVER
+    machine.pass_time()
+    machine.plugged[ONE] = UNSUITABLE
+    machine.pass_time()
+    assert machine.devices.in_use.gnss and "needs all gyros" in machine.ports[ONE].description
+    machine.plugged[ONE] = SENSOR
+    machine.pass_time()
+    assert machine.devices.in_use.imu

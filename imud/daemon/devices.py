@@ -288,9 +288,9 @@ class Devices:
                 port.line, driver, configured, known, self._settings, now_ns, number, stored
             )
         except UsageError as error:
-            if self.selection.inertial is None:
+            if self.selection.inertial is None and not port.has_failed:
                 raise
-            port.reject(str(error))  # the daemon has run with another sensor, so it does not end because of this one
+            port.reject(str(error))  # it was plugged in later, and does not end the daemon
             return False
         self.in_use.imu, self._routes.calibration = InUse(port, inertial), known
         if stored.checkpoint and self.selection.resumed:

@@ -17,6 +17,9 @@ from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 AWAY_NS = 30_000_000_000  # after which an estimate says nothing more of the body: the filter begins anew
+_AHEAD_NS = (
+    1_000_000_000  # a filter whose time is so far ahead of the clock would stand still until then: it begins anew
+)
 _UNKNOWN = Initial()
 
 
@@ -62,7 +65,7 @@ class EstimatorSelection:
         no_twin = bool(serial) and (self.inertial is None or (same and bool(self._serial)))
         self._serial, self._port = serial, port
         inertial = self.inertial if same and self.estimator.survives_power_on else None
-        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS:
+        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS and not _is_ahead(inertial, now_ns):
             inertial.pipeline.filter.configure(settings)
             inertial.pipeline.filter.calibrate(calibration)
         else:
@@ -94,3 +97,8 @@ class EstimatorSelection:
     def _is_same(self, serial: str, port: int) -> bool:
         """Whether it is the sensor before: by its serial number, or if one of them tells none, by the port."""
         return serial == self._serial if serial and self._serial else port == self._port
+
+
+def _is_ahead(inertial: Inertial, now_ns: int) -> bool:
+    """Whether the filter's time has run ahead of the clock: more samples came than the agreed rate allows."""
+    return inertial.newest is not None and int(inertial.newest["t_ns"]) - now_ns > _AHEAD_NS

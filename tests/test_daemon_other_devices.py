@@ -161,3 +161,18 @@ def test_one_that_is_plugged_in_later_ends_nothing_also_if_it_is_the_first_senso
     machine.plugged[ONE] = SENSOR
     machine.pass_time()
     assert machine.devices.in_use.imu
+
+
+def test_a_sensor_whose_time_has_run_ahead_of_the_clock_is_set_up_anew(machine):
+    """As after a flood of frames that was too short for another rate to be noticed."""
+    machine.plugged[ONE] = SENSOR
+    machine.pass_time()
+    port, sensor = machine.devices.in_use.imu
+    pipeline = sensor.pipeline
+    for ahead_ns, is_anew in ((0, False), (900_000_000, False), (2_000_000_000, True)):
+        pipeline.record["newest"] = 0
+        pipeline.solutions["t_ns"][0] = time.monotonic_ns() + ahead_ns
+        machine.devices.tick(0, time.monotonic_ns())
+        assert ("ahead of the clock" in port.description) == is_anew
+    machine.pass_time()
+    assert machine.devices.in_use.imu and machine.devices.in_use.imu.sensor.pipeline is not pipeline

@@ -161,6 +161,8 @@ class Devices:
             silent = now_ns > self._stream_check.silent_from_ns(sensor)
             if silent and not isinstance(port.line, KnownDevice):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
+            elif isinstance(sensor, Inertial) and sensor.is_ahead(now_ns) and not isinstance(port.line, KnownDevice):
+                port.lost("more samples came than can be: their times are ahead of the clock: set up anew")
         for port in [port for port, sensor in self.in_use.aiding_sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
         if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):

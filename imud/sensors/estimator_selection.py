@@ -65,7 +65,7 @@ class EstimatorSelection:
         no_twin = bool(serial) and (self.inertial is None or (same and bool(self._serial)))
         self._serial, self._port = serial, port
         inertial = self.inertial if same and self.estimator.survives_power_on else None
-        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS and not _is_ahead(inertial, now_ns):
+        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS and not inertial.is_ahead(now_ns):
             inertial.pipeline.filter.configure(settings)
             inertial.pipeline.filter.calibrate(calibration)
         else:
@@ -97,8 +97,3 @@ class EstimatorSelection:
     def _is_same(self, serial: str, port: int) -> bool:
         """Whether it is the sensor before: by its serial number, or if one of them tells none, by the port."""
         return serial == self._serial if serial and self._serial else port == self._port
-
-
-def _is_ahead(inertial: Inertial, now_ns: int) -> bool:
-    """Whether the filter's time has run ahead of the clock: more samples came than the agreed rate allows."""
-    return inertial.newest is not None and int(inertial.newest["t_ns"]) - now_ns > _AHEAD_NS

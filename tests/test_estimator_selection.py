@@ -26,6 +26,26 @@ def test_the_numbering_and_the_counts_continue_with_another_sensor():
     assert sensor.samples == sensor.totals()["frames"] == 21
 
 
+def test_a_filter_whose_time_has_run_ahead_of_the_clock_begins_anew():
+    """As after a flood of frames of a sensor without a counter. It would stand still, and say nothing, until then."""
+    selection, driver = EstimatorSelection(Settings(estimator="tilt"), str), by_name("seraccel")
+    configured = ImuConfigured(Identity("seraccel", "", "1"), 100.0, 10_000_000, 0, 0)
+    begin_ns, lines = 1_000_000_000_000, b"0512 0512 0717\n" * 100
+
+    def connect_and_feed(now_ns, times):
+        sensor = selection.connect(
+            SimpleNamespace(counters={}), driver, configured, Calibration("1"), Settings(), now_ns
+        )
+        for _ in range(times):
+            fill = sensor.pipeline.fill
+            sensor.pipeline.rx[fill : fill + len(lines)] = bytearray(lines)
+            sensor.pipeline.ingest(len(lines), now_ns)
+        return int(sensor.newest["t_ns"]) - now_ns
+
+    assert connect_and_feed(begin_ns, 200) > 10_000_000_000
+    assert connect_and_feed(begin_ns + 2_000_000_000, 1) < 1_000_000_000
+
+
 @pytest.mark.parametrize(
     ("named", "chosen", "says"),
     [("mems-2040", "auto", ["'mems-2040', which there is not: consumer-mems is assumed"]),

@@ -180,6 +180,15 @@ def test_ports_are_written_like_this():
         choices.ports(load(None, ['ports=["gpsd://a", "gpsd://a"]']))
 
 
+def test_reports_of_one_time_with_ever_new_names_take_no_more_memory():
+    decoder = GpsdDecoder()
+    for i in range(1000):
+        decoder.feed(tpv(1, **{f"of no use {i}": i, "altHAE": 547.0}), i)
+    assert len(decoder._epoch.values) < 20
+    (fix,) = decoder.flush(SECOND)
+    assert (fix.lat_deg, fix.height_m, fix.speed_mps, fix.course_deg, fix.quality) == (48.0, 547.0, 5.0, 90.0, 1)
+
+
 def test_the_greeting_tells_what_it_is():
     found, _ = run(detect_server(), Speaker(0, VERSION))
     assert (found.driver, found.firmware) == ("gpsd", "3.22")

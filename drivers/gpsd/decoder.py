@@ -20,6 +20,7 @@ DEVICE_TIMEOUT_NS = 3_000_000_000  # time without a fix after which another devi
 SKY_AGE_MAX_NS = 10_000_000_000  # after which a SKY is not used
 TOFF_AGE_MAX_NS = 1_500_000_000  # a TOFF belongs to an epoch that arrives at most that long after it
 EPOCH_0 = datetime(1970, 1, 1)
+USED = ("mode", "status", "lat", "lon", "altMSL", "altHAE", "geoidSep", "track", "speed")  # of a TPV, in a fix
 
 
 @dataclass
@@ -133,7 +134,7 @@ class GpsdDecoder:
             self.counters["late"] += 1
             self._expected = epoch.count
             return fixes
-        epoch.values |= report.values
+        epoch.values |= {name: report.values[name] for name in USED if name in report.values}
         return fixes + (self._finish(epoch) if 0 < self._expected <= epoch.count else [])
 
     def _first_byte_ns(self, time: datetime, arrival_ns: int) -> int:

@@ -161,6 +161,8 @@ class Devices:
             silent = now_ns > self._stream_check.silent_from_ns(sensor)
             if silent and not isinstance(port.line, KnownDevice):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
+            elif isinstance(sensor, Inertial) and sensor.is_ahead(now_ns) and not isinstance(port.line, KnownDevice):
+                port.lost("more samples came than can be: their times are ahead of the clock: set up anew")
         for port in [port for port, sensor in self.in_use.aiding_sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
         if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):
@@ -169,6 +171,8 @@ class Devices:
             self._compare(*self.in_use.imu)
         if self.corrections is not None:
             self.corrections.forward(now_ns, self.in_use.gnss.port.forward if self.in_use.gnss else None)
+        for port in [port for ports in self._closed_spares.values() for port in ports]:
+            port.notice_absence()
         for port in self.ports:
             port.log_line_warning()
         self._routes.record_clock(now_ns)
@@ -204,6 +208,7 @@ class Devices:
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
+        self._is_no_closed_spare(port)
         self._descriptors.add(port, fd)
 
     def unwatch(self, fd: int) -> None:
@@ -238,7 +243,6 @@ class Devices:
             receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud)
             self.in_use.gnss = InUse(port, receiver)
             self._routes.record(port, receiver, now_ns)
-        self._closed_spares[driver.kind].discard(port)
         self._schedule_spares(driver.kind, math.inf)
         self._log.info("streaming", **{name: value for name, value in properties.items() if value})
         self._warn_without_imu()
@@ -247,7 +251,13 @@ class Devices:
 
     def not_connected(self, port: Port) -> None:
         """An attempt has found no device that can be used."""
+        self._is_no_closed_spare(port)
         self._warn_without_imu()
+
+    def _is_no_closed_spare(self, port: Port) -> None:
+        """A port was tried: what was there is a closed spare no more, and what is there now may be another device."""
+        for ports in self._closed_spares.values():
+            ports.discard(port)
 
     def _warn_without_imu(self) -> None:
         """Say once what becomes of a receiver alone, as soon as every port has been tried."""
@@ -280,9 +290,9 @@ class Devices:
                 port.line, driver, configured, known, self._settings, now_ns, number, stored
             )
         except UsageError as error:
-            if self.selection.inertial is None:
+            if self.selection.inertial is None and not port.has_failed:
                 raise
-            port.reject(str(error))  # the daemon has run with another sensor, so it does not end because of this one
+            port.reject(str(error))  # it was plugged in later, and does not end the daemon
             return False
         self.in_use.imu, self._routes.calibration = InUse(port, inertial), known
         if stored.checkpoint and self.selection.resumed:

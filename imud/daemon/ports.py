@@ -74,6 +74,7 @@ class Port:
         self.deadline_s = 0.0  # when `on_time` wants to be called
         self.description = self._logged = _UNTRIED  # of the state, in words
         self.connects = 0
+        self.has_failed = False  # an attempt or a connection here
         self._owner, self._wait = owner, wait
         self._log = get_logger().bind(port=spec.path)
         self._line: Line | None = None
@@ -156,6 +157,16 @@ class Port:
         """Try a closed port again at that time; infinite: never."""
         if self._line is None:
             self.deadline_s = at_s
+
+    def notice_absence(self) -> None:
+        """Of a released device: if it was unplugged, look for what is plugged in next. Call it now and then."""
+        if self.state is PortState.RELEASED and self.spec.server is None:
+            try:
+                check_port(self.spec)
+            except PortAbsentError:
+                self.schedule_retry(0.0)
+            except PortError:
+                pass
 
     def reject(self, why: str) -> None:
         """Close an unsuitable device, and try again later: another may be there then."""
@@ -263,6 +274,7 @@ class Port:
         self._owner.not_connected(self)
 
     def _schedule_attempt(self, why: str, warn: bool = False, same_as: str = "") -> None:
+        self.has_failed = True
         self._describe(f"{why}; trying again", warn, same_as)
         self.deadline_s = time.monotonic() + self._retry_s
         self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)

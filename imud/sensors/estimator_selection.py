@@ -17,6 +17,9 @@ from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 AWAY_NS = 30_000_000_000  # after which an estimate says nothing more of the body: the filter begins anew
+_AHEAD_NS = (
+    1_000_000_000  # a filter whose time is so far ahead of the clock would stand still until then: it begins anew
+)
 _UNKNOWN = Initial()
 
 
@@ -62,7 +65,7 @@ class EstimatorSelection:
         no_twin = bool(serial) and (self.inertial is None or (same and bool(self._serial)))
         self._serial, self._port = serial, port
         inertial = self.inertial if same and self.estimator.survives_power_on else None
-        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS:
+        if inertial is not None and now_ns - inertial.last_data_ns <= AWAY_NS and not inertial.is_ahead(now_ns):
             inertial.pipeline.filter.configure(settings)
             inertial.pipeline.filter.calibrate(calibration)
         else:

@@ -22,6 +22,7 @@ from .readings import NO_VECTOR, ClockFit
 SILENCE_NS = 1_000_000_000  # a stream this long silent is broken
 SILENT_PERIODS = 4  # at least
 STALE_NS, STALE_PERIODS = 200_000_000, 3
+AHEAD_NS = 1_000_000_000
 _BEYOND = {
     "clock_residual_us": "inertial sensor: its samples come so irregularly that their times are uncertain by more than "
     f"{LIMITS['clock_residual_us'].most * 1e-3:g} ms",
@@ -97,6 +98,13 @@ class Inertial:
     @property
     def _newest(self) -> int:
         return int(self.pipeline.record["newest"][0])
+
+    def is_ahead(self, now_ns: int) -> bool:
+        """Whether the filter's time has run ahead of the clock: more samples came than the agreed rate allows.
+
+        A filter that is given earlier samples then stands still until its time has come.
+        """
+        return self.newest is not None and int(self.newest["t_ns"]) - now_ns > AHEAD_NS
 
     def rate_ratio(self) -> float | None:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""

@@ -4,6 +4,7 @@ import numpy as np
 from golden_data import HEADED, between, data, moved, navigated, random, road, seconds, silent
 from golden_run import golden
 from navigation_simulation import at_antenna, received, sensed
+from simulated_errors import outliers
 
 from imud.estimators.records import NEW_RECEIVER
 
@@ -403,3 +404,21 @@ def wrong_velocity_from_the_start():
     samples, fixes = data(seed=51)
     fixes["speed"], fixes["course"] = 1.5, 0.3
     return navigated(samples, fixes)
+
+
+@golden("navigation")
+def rtk_drifts_and_comes_back():
+    """Against its velocity, so that either may be wrong; the estimate follows the positions."""
+    d = road(160.0, speed=12.0, swing=0.1, straight_s=40.0)
+    samples, fixes = data(d, seed=91, sigma=0.01, white=0.01, every=0.2)
+    fixes["sigma"] = (0.03, 0.03, 0.05)
+    return navigated(samples, moved(fixes, 80.0, 120.0, 0.0, per_second=0.5))
+
+
+@golden("navigation")
+def rtk_with_outliers():
+    """One position in twenty is 20 m off: no evidence of a wrong lever arm, or of a step of the stamps."""
+    d, rng = road(160.0, speed=12.0), random(92)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.01, white=0.01, every=0.2)
+    fixes["sigma"] = (0.03, 0.03, 0.05)
+    return navigated(samples, outliers(d, fixes, rng, 20.0))

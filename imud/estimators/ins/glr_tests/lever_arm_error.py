@@ -36,7 +36,7 @@ from ..state import (
     POSITION,
 )
 from .current import add_to_sums
-from .fault_sensitivity import explains_most, open_column, remove_drift, set_sensitivity
+from .fault_sensitivity import open_column, remove_drift, set_sensitivity
 from .gyro_bias_step import weight_of
 
 if TYPE_CHECKING:
@@ -124,12 +124,9 @@ def detect_lever_arm_error(p: Parameters, c: Core, explained_otherwise: float) -
     if c.lever_arm_error.onset_ns == NEVER_NS:
         open_lever_arm_error(c)
         return False
-    g, explained = c.lever_arm_error, explained_by_lever_arm_error(p, c)
     x, y, xx, xy, yy, chi2 = find_lever_arm_error(p, c)
     large = x * x + y * y > p.tuning.min_lever_arm_error**2
-    if not large or chi2 <= p.tuning.lever_arm_error_chi2 or explained <= explained_otherwise:
-        return False
-    if not explains_most(explained, g.energy, g.count):
+    if not large or chi2 <= p.tuning.lever_arm_error_chi2 or explained_by_lever_arm_error(p, c) <= explained_otherwise:
         return False
     apply_lever_arm_error(p, c, (x, y), xx, xy, yy)
     reset_lever_arm_error(c)

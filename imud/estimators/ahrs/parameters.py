@@ -10,6 +10,7 @@ Sources that recur:
   keeps their errors within their sigmas.
 - Even starts: chosen on simulated trains, cars, ships, lifts and turntables that move evenly when the filter starts
   (tests/attitude_even_starts.py).
+- Mixed: chosen on the same motions after a rest, and those that change from one to another.
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -18,7 +19,7 @@ import math
 from ..tuning import Tunable
 
 BROAD, VEHICLES, HANDS, SIMULATED, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Simulated.", "Not recorded."
-EVEN = "Even starts."
+EVEN, MIXED = "Even starts.", "Mixed."
 
 _FILTER = (
     Tunable(
@@ -263,6 +264,12 @@ _ATTITUDE_STEP = (
     Tunable("vehicle_time_s", 600.0, "s", "Time constant with which that is forgotten.", UNRECORDED, low=1.0),
 )
 
+_VARIANCE_FACTOR = (
+    Tunable("correction_time_s", 10.0, "s", "Time over which corrections of the tilt are summed.", MIXED, low=0.1),
+    Tunable("correction_memory_s", 120.0, "s", "Time over which squared sums are compared.", MIXED, low=1.0),
+    Tunable("correction_surprise", 3.0, "", "A sum counts at once over so many times its expectation.", MIXED, low=0.1),
+)
+
 _QUANTIZATION = (
     Tunable("max_lsb_radps", math.radians(0.2), "rad/s", "A larger step between readings is motion.", UNRECORDED),
     Tunable("min_lsb_radps", math.radians(0.001), "rad/s", "A step whose half is not noticed.", UNRECORDED),
@@ -300,5 +307,6 @@ TUNABLES = (
     *_STATIONARITY,
     *_DIVERGENCE,
     *_ATTITUDE_STEP,
+    *_VARIANCE_FACTOR,
     *_QUANTIZATION,
 )

@@ -111,6 +111,9 @@ class Tuning:
     lively_rate_radps: float
     travel_proof_s: float
     vehicle_time_s: float
+    correction_time_s: float
+    correction_memory_s: float
+    correction_surprise: float
     max_lsb_radps: float
     min_lsb_radps: float
     min_step_radps: float
@@ -260,6 +263,14 @@ class Clipping:
     missing_angle: float
 
 
+class VarianceFactor:
+    correction: Reals
+    expected2: Reals
+    squares: float
+    expectations: float
+    tilt_scale: Reals
+
+
 class VelocityHypotheses:
     x: Tensor
     P: Tensor
@@ -348,6 +359,7 @@ class State:
     divergence: Divergence
     attitude_step: AttitudeStep
     hypotheses: VelocityHypotheses
+    variance_factor: VarianceFactor
     clipping: Clipping
     quantization: Quantization
     history: History

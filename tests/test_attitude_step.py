@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from attitude_runs import samples_from, tilt_variance_deg2
+from attitude_runs import Fields, samples_from, tilt_variance_deg2
 from attitude_simulation import DEG, Flaws, errors_deg, simulate, wobble
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
@@ -19,20 +19,6 @@ from imud.math.kalman import packed_index
 
 SLIP_S = 30.0
 FLAWS = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG))
-
-
-class Fields:
-    """The fields of a record as attributes, also one that is named as an attribute of numpy's."""
-
-    def __init__(self, record):
-        object.__setattr__(self, "record", record)
-
-    def __getattr__(self, name):
-        value = self.record[name]
-        return Fields(value) if value.dtype.names else value
-
-    def __setattr__(self, name, value):
-        self.record[name] = value
 
 
 def begun(course, start=5.0):

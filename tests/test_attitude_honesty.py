@@ -87,14 +87,14 @@ def test_no_motion_makes_an_uncertain_heading_certain():
 
 
 def test_the_sigma_of_the_tilt_follows_how_small_its_corrections_are():
-    """Of a sensor that is shaken in a hand, without errors that last; 0.71 to 0.87 by the covariance alone."""
+    """Of a sensor that is shaken in a hand, without errors that last; 0.50 to 0.76 by the covariance alone."""
     for seed in range(3):
         rates, acceleration = after(5.0, wobble(seed, 2.0, 2.0, 12.0)), after(5.0, wobble(seed + 50, 6.0, 5.0, 20.0))
         truth = simulate(100.0, 100.0, rates, acceleration, (10.0, 5.0, 0.0))
         out = solutions_of(samples_from(truth, seed=seed), "m-g350")
         tilt, _ = errors_deg(out["q_nb"], truth.attitude)
         variance = tilt_variance_deg2(out)
-        assert np.mean(variance[9000:]) < 0.5 * np.mean(variance[1500:2500]), seed
+        assert np.median(variance[9000:]) < 0.4 * np.median(variance[1500:2500]), seed
         assert np.mean(tilt[1500:] ** 2 / variance[1500:]) < 1.0, seed
 
 

@@ -89,7 +89,9 @@ def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
         return 0.0
     for i in range(3):
         step.rise_delta_v[i] += s.integrals.delta_v[i]
-    return float(math.sqrt(c.rise_slip_probability) * angle_to_vertical(step.rise_delta_v))
+    angle2 = angle_to_vertical(step.rise_delta_v) ** 2
+    by_gain2 = step.usual_gain2 / step.rise_delta_v[2] ** 2
+    return float(math.sqrt(c.rise_slip_probability * angle2 * c.rise_angle_rad**2 / (c.rise_angle_rad**2 + by_gain2)))
 
 
 @kernel

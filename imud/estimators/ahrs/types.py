@@ -100,6 +100,7 @@ class Tuning:
     rise_gain_sigmas: float
     rise_gain_mps: float
     rise_time_s: float
+    rise_angle_rad: float
     rise_slip_probability: float
     step_gain_sigmas: float
     step_gain_mps: float

@@ -186,6 +186,7 @@ _STATIONARITY = (
     Tunable("max_force_change_mps2", 0.1, "m/s^2", "Most change of the mean force at rest.", UNRECORDED),
     Tunable("rate_change_gate", 6.0, "sigma", "Most change of the mean rate at rest.", UNRECORDED),
     Tunable("acceleration_gate", 5.0, "sigma", "Most difference of the mean force from gravity at rest.", UNRECORDED),
+    Tunable("force_change_gate", 3.0, "sigma", "Change of the force's magnitude that contradicts or fits.", SIMULATED),
     Tunable("bias_gate", 5.0, "sigma", "Most difference of the mean rate from the known bias at rest.", UNRECORDED),
     Tunable("max_bias_sigma", 4.0, "sigma", "Most bias, over the profile's, that a rate at rest may show.", UNRECORDED),
     Tunable(

@@ -72,6 +72,7 @@ class Tuning:
     max_force_change_mps2: float
     rate_change_gate: float
     acceleration_gate: float
+    force_change_gate: float
     bias_gate: float
     max_bias_sigma: float
     min_bias_sigma_radps: float

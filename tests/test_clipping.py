@@ -25,7 +25,7 @@ def swung(amplitude, hz=2.5, seconds=10.0, seed=1):
 
 
 def flags_of(samples, settings=None):
-    """(flags that the sensor monitor sets, its findings in words), but for a doubt of the rates: no force here turns."""
+    """(flags that the sensor monitor sets, its findings in words); rates are in doubt, as no force here turns."""
     filter_, seen = new_filter("attitude", samples, settings), samples.copy()
     filter_.run(seen, np.zeros(len(seen), SOLUTION))
     return seen["flags"] & ~DOUBTFUL_RATE, words(recent_findings(filter_.health))

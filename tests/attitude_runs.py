@@ -13,6 +13,20 @@ KNOWN = tuple(name for name in SOLUTION.names if name not in UNKNOWN)
 FLAWLESS = Flaws()  # but for the M-G350's noise
 
 
+class Fields:
+    """The fields of a record as attributes, also one that is named as an attribute of numpy's."""
+
+    def __init__(self, record):
+        object.__setattr__(self, "record", record)
+
+    def __getattr__(self, name):
+        value = self.record[name]
+        return Fields(value) if value.dtype.names else value
+
+    def __setattr__(self, name, value):
+        self.record[name] = value
+
+
 def samples_from(truth, flaws=FLAWLESS, seed=0):
     w, f = measure(truth, flaws, np.random.default_rng(seed))
     return samples_of(truth.t, w, f)

@@ -150,3 +150,17 @@ def mounting_slip_in_a_hand():
 @golden("attitude")
 def wrong_tilt_at_rest():
     return slipped(5.0, simulate(80.0, 50.0))
+
+
+@golden("attitude")
+def slip_at_rest():
+    """By so much that the force would be larger if this were an acceleration."""
+    return slipped(20.0, simulate(50.0, 50.0))
+
+
+@golden("attitude")
+def rates_in_degrees():
+    """At first in doubt, then named; they turn too slowly for it to be named at once."""
+    samples = shown(simulate(25.0, 100.0, after(5.0, wobble(1, 0.1)), after(5.0, wobble(2, 0.5, 2.0, 6.0))))
+    samples["w"] /= DEG
+    return judged(samples, HEADED)

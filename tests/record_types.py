@@ -92,6 +92,7 @@ AHRS = {
     "Divergence": ahrs.DIVERGENCE,
     "AttitudeStep": ahrs.ATTITUDE_STEP,
     "Clipping": ahrs.CLIPPING,
+    "VarianceFactor": ahrs.VARIANCE_FACTOR,
     "VelocityHypotheses": ahrs.VELOCITY_HYPOTHESES,
     "Quantization": ahrs.QUANTIZATION,
     "History": ahrs.HISTORY,

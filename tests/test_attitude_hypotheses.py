@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from attitude_monte_carlo import ACCEL_BIAS, sensor
-from attitude_runs import tilt_variance_deg2
+from attitude_runs import Fields, tilt_variance_deg2
 from attitude_simulation import Truth, errors_deg, measure
 from broad import samples_of, solutions_of
-from test_attitude_step import Fields
 from vehicle_simulation import RATE, ahead, levels, smooth, way
 
 from imud.compile.jit import interpreted

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from attitude_runs import samples_from, tilt_variance_deg2
-from attitude_simulation import DEG, Flaws, errors_deg, simulate, wobble
+from attitude_runs import Fields, samples_from, tilt_variance_deg2
+from attitude_simulation import DEG, MG, Flaws, errors_deg, simulate, steady, wobble
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
 
@@ -19,20 +19,6 @@ from imud.math.kalman import packed_index
 
 SLIP_S = 30.0
 FLAWS = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG))
-
-
-class Fields:
-    """The fields of a record as attributes, also one that is named as an attribute of numpy's."""
-
-    def __init__(self, record):
-        object.__setattr__(self, "record", record)
-
-    def __getattr__(self, name):
-        value = self.record[name]
-        return Fields(value) if value.dtype.names else value
-
-    def __setattr__(self, name, value):
-        self.record[name] = value
 
 
 def begun(course, start=5.0):
@@ -94,6 +80,38 @@ def test_a_brisk_hand_does_not_hide_a_slip():
         attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
         tilt, _ = errors_deg(solutions_of(samples)["q_nb"], attitude)
         assert tilt[truth.t > SLIP_S + 8.0].max() < 5.0, seed
+
+
+@pytest.mark.parametrize("angle_deg", [10.0, 30.0])
+def test_a_slip_at_rest_is_found_in_seconds(angle_deg):
+    """The force is as large as before, so it is no acceleration: one is believed for 30 s."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        truth = simulate(45.0, 100.0, rpy_deg=tuple(rng.uniform(-60.0, 60.0, 3)))
+        flaws = Flaws(gyro_bias=FLAWS.gyro_bias, accel_bias=tuple(rng.normal(0.0, 4.0 * MG, 3)))
+        samples = samples_from(truth, flaws, seed)
+        across = np.cross(samples["f"][0], rng.normal(size=3))
+        slip = Rotation.from_rotvec(angle_deg * DEG * across / np.linalg.norm(across))
+        late = truth.t >= SLIP_S
+        for name in ("w", "f"):
+            samples[name][late] = slip.apply(samples[name][late])
+        attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+        out = solutions_of(samples)
+        tilt, _ = errors_deg(out["q_nb"], attitude)
+        sure = (out["status"] & ATTITUDE_VALID > 0) & (tilt > 5.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out))
+        assert np.count_nonzero(sure) < 6.0 * 100.0, seed
+        assert tilt[truth.t > SLIP_S + 10.0].max() < 2.0, seed
+
+
+def test_an_even_acceleration_after_a_rest_is_no_slip():
+    """Of 1.7 m/s^2 for 12 s, without vibration: tilt by the force would be off by 10 deg."""
+    for seed in range(3):
+        truth = simulate(50.0, 100.0, acceleration=steady((1.7, 0.0, 0.0), 30.0, 42.0), rpy_deg=(10.0, -5.0, 40.0))
+        accel_bias = tuple(np.random.default_rng(seed).normal(0.0, 4.0 * MG, 3))
+        tilt, _ = errors_deg(
+            solutions_of(samples_from(truth, Flaws(accel_bias=accel_bias), seed))["q_nb"], truth.attitude
+        )
+        assert tilt[200:].max() < 1.5, seed
 
 
 def carried_off(speed, seed):

@@ -118,7 +118,9 @@ def test_the_attitude_filter_finds_its_sensors_errors_and_states_its_covariance(
     s = filter_.state[0]
     s["clipping"]["missing_angle"], s["hypotheses"]["possible_tilt_error"] = 0.3, 0.4
     s["attitude_step"]["possible_tilt_error"] = s["motion"]["hidden_tilt"] = 0.0
-    block = unpack(s["cov"]["P"], 28)[:3, :3] + np.diag([0.25, 0.25, 0.09])
+    s["variance_factor"]["tilt_scale"] = 0.5, 0.8
+    scales = np.outer([0.5, 0.8, 1.0], [0.5, 0.8, 1.0])
+    block = scales * unpack(s["cov"]["P"], 28)[:3, :3] + np.diag([0.25, 0.25, 0.09])
     assert matrix(filter_.filter_states()[0])[6:, 6:] == pytest.approx(block, rel=1e-12)
 
 

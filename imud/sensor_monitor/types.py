@@ -57,6 +57,10 @@ class RateUnits:
     count: int
     evidence: float
     degrees: int
+    doubtful: int
+    trust: float
+    doubt_windows: int
+    brisk_s: float
 
 
 class Health:

@@ -31,6 +31,7 @@ from .state import ACCEL_BIAS, ATTITUDE
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
+    from ...math.rotation import Vector
     from .types import Parameters, State
 
 
@@ -65,7 +66,7 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
     least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
     if mean2 < least2 or step.window_s < c.min_step_s or angle * angle < c.usual_gain_sigmas**2 * var:
         return False
-    level_by_window(p, s, use_mean, angle, var)
+    level_by_window(p, s, use_mean, var)
     return True
 
 
@@ -89,7 +90,9 @@ def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
         return 0.0
     for i in range(3):
         step.rise_delta_v[i] += s.integrals.delta_v[i]
-    return float(math.sqrt(c.rise_slip_probability) * angle_to_vertical(step.rise_delta_v))
+    angle2 = angle_to_vertical(step.rise_delta_v) ** 2
+    by_gain2 = step.usual_gain2 / step.rise_delta_v[2] ** 2
+    return float(math.sqrt(c.rise_slip_probability * angle2 * c.rise_angle_rad**2 / (c.rise_angle_rad**2 + by_gain2)))
 
 
 @kernel
@@ -172,12 +175,20 @@ def restart_gain(p: Parameters, s: State) -> None:
 
 
 @kernel
-def level_by_window(p: Parameters, s: State, use_mean: bool, angle: float, var: float) -> None:
-    """Rotate the force of the window, or its mean force, to the vertical; yaw may be wrong by as much."""
-    c, step, q = p.tuning, s.attitude_step, s.nav.q_nb
+def level_by_window(p: Parameters, s: State, use_mean: bool, var: float) -> None:
+    """Rotate the force of the window, or its mean force, to the vertical."""
+    step = s.attitude_step
     f = step.window_mean_v if use_mean else step.window_delta_v
-    record_wrong_tilt(s, step.window_s)
-    k = angle / max(elementary.hypot(f[0], f[1]), 1e-9)
+    level_by_force(p, s, (f[0], f[1], f[2]), var, step.window_s)
+
+
+@kernel
+def level_by_force(p: Parameters, s: State, f: Vector, var: float, wrong_s: float) -> None:
+    """Rotate f, in NED, to the vertical, which the tilt has not shown for so long; yaw may be wrong by as much."""
+    c, step, q = p.tuning, s.attitude_step, s.nav.q_nb
+    angle, level = elementary.atan2(elementary.hypot(f[0], f[1]), -f[2]), elementary.hypot(f[0], f[1])
+    record_wrong_tilt(s, wrong_s)
+    k = angle / max(level, 1e-9)
     turn = quat_exp(-k * f[1], k * f[0], 0.0)
     turned = quat_product(turn, (q[0], q[1], q[2], q[3]))
     set_attitude(s, quat_normalised(turned))

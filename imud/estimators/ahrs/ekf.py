@@ -11,6 +11,7 @@ from .error_model import variance
 from .history import record_measurement
 from .motion import shift_mean_velocity
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, POSITION, STATES, VELOCITY
+from .variance_factor import expect_correction
 
 if TYPE_CHECKING:
     from .types import State
@@ -24,6 +25,7 @@ def fuse_state(s: State, i: int, z: float, r: float) -> None:
     innovation_variance = measure(s.cov.P, STATES, t.columns, t.values, 1, t.ph) + r
     innovation = z - t.x[i]
     update(s.cov.P, STATES, t.x, t.ph, innovation_variance, innovation)
+    expect_correction(s, innovation_variance)
     record_measurement(s, i, innovation, innovation_variance)
 
 
@@ -52,13 +54,14 @@ def inject_error(s: State) -> None:
 def update_sigmas(s: State) -> None:
     """Standard deviations for the solution."""
     P, cov, q = s.cov.P, s.cov, s.nav.q_nb
+    north, east = s.variance_factor.tilt_scale[0], s.variance_factor.tilt_scale[1]
     variances = euler_variances(
         (q[0], q[1], q[2], q[3]),
-        P[packed_index(STATES, 0, 0)],
-        P[packed_index(STATES, 0, 1)],
-        P[packed_index(STATES, 0, 2)],
-        P[packed_index(STATES, 1, 1)],
-        P[packed_index(STATES, 1, 2)],
+        north * north * P[packed_index(STATES, 0, 0)],
+        north * east * P[packed_index(STATES, 0, 1)],
+        north * P[packed_index(STATES, 0, 2)],
+        east * east * P[packed_index(STATES, 1, 1)],
+        east * P[packed_index(STATES, 1, 2)],
         P[packed_index(STATES, 2, 2)],
     )
     cov.sigma_tilt = max(P[packed_index(STATES, 0, 0)], P[packed_index(STATES, 1, 1)]) ** 0.5

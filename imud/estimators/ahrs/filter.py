@@ -41,6 +41,7 @@ from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
+from .variance_factor import restart_variance_factor, update_variance_factor
 from .velocity_hypotheses import follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
@@ -119,14 +120,18 @@ def update_covariance(p: Parameters, s: State) -> None:
     if is_coarse(s):
         coarse_level(p, s)
         start_hypotheses(p, s)
+        restart_variance_factor(s)
     elif s.levelling.initialised == 1 and tilt_is_lost(p, s):
         require_initialisation(s)
+        restart_variance_factor(s)
     elif s.levelling.initialised == 1 and correct_attitude_step(p, s):
         start_hypotheses(p, s)
+        restart_variance_factor(s)
     elif s.levelling.initialised == 1:
         update_hypotheses(p, s)
         record_possible_tilt(s)
         fuse_pseudo_measurements(p, s)
+        update_variance_factor(p, s)
         rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])
         follow_correction(s)
         inject_error(s)

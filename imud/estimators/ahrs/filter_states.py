@@ -37,7 +37,9 @@ def filter_states(state: Records) -> Records:
         row["t_ns"] = s["t_ns"]
         for name in ("covariance", "value", "sigma"):
             row[name] = math.nan
-        row["covariance"][ATTITUDE_BLOCK] = P[_IN_P[_ATTITUDE, _ATTITUDE]] + np.diag(_beyond_covariance(s))
+        scale = np.append(s["variance_factor"]["tilt_scale"], 1.0)
+        attitude_covariance = np.outer(scale, scale) * P[_IN_P[_ATTITUDE, _ATTITUDE]]
+        row["covariance"][ATTITUDE_BLOCK] = attitude_covariance + np.diag(_beyond_covariance(s))
         estimated = (P[_IN_P[_ERROR_STATES[:, None], _MOTION]] != 0.0).any(axis=1)
         values = np.hstack([nav["gyro_matrix"], nav["accel_scale"], nav["accel_delay"]])
         row["value"][_NAMED[estimated]] = values[estimated]

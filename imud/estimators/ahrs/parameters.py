@@ -10,6 +10,7 @@ Sources that recur:
   keeps their errors within their sigmas.
 - Even starts: chosen on simulated trains, cars, ships, lifts and turntables that move evenly when the filter starts
   (tests/attitude_even_starts.py).
+- Mixed: chosen on the same motions after a rest, and those that change from one to another.
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -18,7 +19,7 @@ import math
 from ..tuning import Tunable
 
 BROAD, VEHICLES, HANDS, SIMULATED, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Simulated.", "Not recorded."
-EVEN = "Even starts."
+EVEN, MIXED = "Even starts.", "Mixed."
 
 _FILTER = (
     Tunable(
@@ -185,6 +186,7 @@ _STATIONARITY = (
     Tunable("max_force_change_mps2", 0.1, "m/s^2", "Most change of the mean force at rest.", UNRECORDED),
     Tunable("rate_change_gate", 6.0, "sigma", "Most change of the mean rate at rest.", UNRECORDED),
     Tunable("acceleration_gate", 5.0, "sigma", "Most difference of the mean force from gravity at rest.", UNRECORDED),
+    Tunable("force_change_gate", 3.0, "sigma", "Change of the force's magnitude that contradicts or fits.", SIMULATED),
     Tunable("bias_gate", 5.0, "sigma", "Most difference of the mean rate from the known bias at rest.", UNRECORDED),
     Tunable("max_bias_sigma", 4.0, "sigma", "Most bias, over the profile's, that a rate at rest may show.", UNRECORDED),
     Tunable(
@@ -245,9 +247,10 @@ _ATTITUDE_STEP = (
     Tunable("usual_gain_time_s", 30.0, "s", "Time over which the usual gain is learned.", HANDS, low=0.1),
     Tunable("usual_gain_sigmas", 3.0, "sigma", "A gain beyond so many usual ones begins to tell.", HANDS),
     Tunable("min_gain_mps", 0.4, "m/s", "The least gain that does: a body that is carried off.", HANDS),
-    Tunable("rise_gain_sigmas", 2.0, "sigma", "A gain beyond so many usual ones, not yet in its mean, may.", HANDS),
-    Tunable("rise_gain_mps", 0.3, "m/s", "The least gain that may.", HANDS),
+    Tunable("rise_gain_sigmas", 1.5, "sigma", "A gain beyond so many usual ones, not yet in its mean, may.", HANDS),
+    Tunable("rise_gain_mps", 0.2, "m/s", "The least gain that may.", HANDS),
     Tunable("rise_time_s", 0.15, "s", "Half of its angle is believed after this time.", HANDS),
+    Tunable("rise_angle_rad", 0.35, "rad", "RMS angle of slips.", HANDS, low=0.01),
     Tunable("rise_slip_probability", 0.2, "", "The probability that it does.", HANDS, high=1.0),
     Tunable("step_gain_sigmas", 5.0, "sigma", "A gain beyond so many usual ones is a step.", HANDS),
     Tunable("step_gain_mps", 1.2, "m/s", "The least gain that is one: somebody begins to walk.", HANDS),
@@ -261,6 +264,12 @@ _ATTITUDE_STEP = (
     Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),
     Tunable("travel_proof_s", 3.0, "s", "Travel after which a body is a vehicle.", VEHICLES),
     Tunable("vehicle_time_s", 600.0, "s", "Time constant with which that is forgotten.", UNRECORDED, low=1.0),
+)
+
+_VARIANCE_FACTOR = (
+    Tunable("correction_time_s", 10.0, "s", "Time over which corrections of the tilt are summed.", MIXED, low=0.1),
+    Tunable("correction_memory_s", 120.0, "s", "Time over which squared sums are compared.", MIXED, low=1.0),
+    Tunable("correction_surprise", 3.0, "", "A sum counts at once over so many times its expectation.", MIXED, low=0.1),
 )
 
 _QUANTIZATION = (
@@ -300,5 +309,6 @@ TUNABLES = (
     *_STATIONARITY,
     *_DIVERGENCE,
     *_ATTITUDE_STEP,
+    *_VARIANCE_FACTOR,
     *_QUANTIZATION,
 )

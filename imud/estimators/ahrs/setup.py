@@ -74,6 +74,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["quantization"]["truncation_log_odds"] = tuning["truncation_prior"]
     s["levelling"]["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     s["levelling"]["true_heading"] = initial.yaw_deg is not None
+    s["variance_factor"]["tilt_scale"] = 1.0
     s["cov"]["sigma_tilt"] = s["cov"]["sigma_rpy"] = UNKNOWN_ANGLE
     s["cov"]["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s

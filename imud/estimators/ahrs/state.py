@@ -216,6 +216,17 @@ VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
     align=True,
 )
 
+VARIANCE_FACTOR = np.dtype(  # the corrections of tilt, north and east, over what the covariance expects
+    [
+        ("correction", "<f8", (2,)),  # rad, their sum over correction_time_s, fading
+        ("expected2", "<f8", (2,)),  # rad^2, its variance as the covariance has it
+        ("squares", "<f8"),  # rad^2, of the sums, over correction_memory_s
+        ("expectations", "<f8"),  # rad^2, of these squares
+        ("tilt_scale", "<f8", (2,)),  # stated standard deviation of tilt over that of the covariance
+    ],
+    align=True,
+)
+
 CLIPPING = np.dtype(  # of the gyro, by axes
     [
         ("time", "<f8", (3,)),  # s, at the end of the range
@@ -301,6 +312,7 @@ STATE = np.dtype(
         ("divergence", DIVERGENCE),
         ("attitude_step", ATTITUDE_STEP),
         ("hypotheses", VELOCITY_HYPOTHESES),
+        ("variance_factor", VARIANCE_FACTOR),
         ("clipping", CLIPPING),
         ("quantization", QUANTIZATION),
         ("history", HISTORY),

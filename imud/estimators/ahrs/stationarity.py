@@ -27,6 +27,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
+from .attitude_step import level_by_force
 from .divergence import inflate_covariance
 from .error_model import add_bias_variance, add_variance, reset_variance, variance
 from .mechanization import compensate_force
@@ -116,6 +117,30 @@ def unexplained_acceleration(p: Parameters, s: State) -> float:
         if acceleration[i] * acceleration[i] > p.tuning.acceleration_gate**2 * explained:
             return math.sqrt(acceleration[0] ** 2 + acceleration[1] ** 2 + acceleration[2] ** 2)
     return 0.0
+
+
+@kernel
+def force_is_only_turned(p: Parameters, s: State, acceleration: float) -> bool:
+    """Is the mean force as large as at the last rest? With a level acceleration, m/s^2, it would be larger.
+
+    Then the sensor has been turned, or slipped, and the gyro has not shown it.
+    """
+    now, before, g = s.stationarity.f_mean, s.stationarity.f_at_rest, s.nav.gravity
+    before2 = before[0] ** 2 + before[1] ** 2 + before[2] ** 2
+    change = math.sqrt(now[0] ** 2 + now[1] ** 2 + now[2] ** 2) - math.sqrt(before2)
+    larger = math.sqrt(g * g + acceleration * acceleration) - g
+    var = 2.0 * p.accel_bias_var * (acceleration / g) ** 2 + p.tuning.min_force_sigma_mps2**2
+    gate2 = p.tuning.force_change_gate**2 * var
+    return bool(before2 > 0.0 and change * change < gate2 and change < larger and (larger - change) ** 2 > gate2)
+
+
+@kernel
+def level_by_mean_force(p: Parameters, s: State) -> None:
+    """The sensor has been turned at rest: its mean force is the vertical."""
+    q, m, g = s.nav.q_nb, s.stationarity, s.nav.gravity
+    f = compensate_force(s.nav, m.f_mean[0], m.f_mean[1], m.f_mean[2])
+    var = (p.accel_bias_var + p.tuning.min_force_sigma_mps2**2) / (g * g)
+    level_by_force(p, s, quat_rotate((q[0], q[1], q[2], q[3]), f), var, m.low_motion_s)
 
 
 @kernel
@@ -276,14 +301,18 @@ def detect_stationary(p: Parameters, s: State) -> bool:
         check_gravity(p, s)
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)
-    needed_s = c.confirmation_time_s if vibrates_less_than_in_travel(p, s) else c.travel_time_s
+    turned = acceleration > 0.0 and force_is_only_turned(p, s, acceleration)
+    needed_s = c.confirmation_time_s if turned or vibrates_less_than_in_travel(p, s) else c.travel_time_s
     if contradicts and (acceleration == 0.0 or m.low_motion_s > needed_s) and gravity_is_fixed(p, s):
         for i in range(3):
             reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
         contradicts = False
         m.bias_mismatch_s = 0.0
     if acceleration > 0.0 and not contradicts and m.low_motion_s > needed_s:
-        inflate_covariance(p, s, acceleration)
+        if turned:
+            level_by_mean_force(p, s)
+        else:
+            inflate_covariance(p, s, acceleration)
         restart_means_at_last(s)
     if acceleration > 0.0 or not is_standing(p, s):
         return False

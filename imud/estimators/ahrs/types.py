@@ -72,6 +72,7 @@ class Tuning:
     max_force_change_mps2: float
     rate_change_gate: float
     acceleration_gate: float
+    force_change_gate: float
     bias_gate: float
     max_bias_sigma: float
     min_bias_sigma_radps: float
@@ -100,6 +101,7 @@ class Tuning:
     rise_gain_sigmas: float
     rise_gain_mps: float
     rise_time_s: float
+    rise_angle_rad: float
     rise_slip_probability: float
     step_gain_sigmas: float
     step_gain_mps: float
@@ -111,6 +113,9 @@ class Tuning:
     lively_rate_radps: float
     travel_proof_s: float
     vehicle_time_s: float
+    correction_time_s: float
+    correction_memory_s: float
+    correction_surprise: float
     max_lsb_radps: float
     min_lsb_radps: float
     min_step_radps: float
@@ -260,6 +265,14 @@ class Clipping:
     missing_angle: float
 
 
+class VarianceFactor:
+    correction: Reals
+    expected2: Reals
+    squares: float
+    expectations: float
+    tilt_scale: Reals
+
+
 class VelocityHypotheses:
     x: Tensor
     P: Tensor
@@ -348,6 +361,7 @@ class State:
     divergence: Divergence
     attitude_step: AttitudeStep
     hypotheses: VelocityHypotheses
+    variance_factor: VarianceFactor
     clipping: Clipping
     quantization: Quantization
     history: History

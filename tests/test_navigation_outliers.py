@@ -61,14 +61,3 @@ def test_a_position_that_is_off_after_an_outage_bends_nothing_else(every):
     assert np.degrees(np.abs(attitude[since, 2])).max() < 2.0
     assert np.hypot(*position[-1, :2]) < 5.0
     assert state["velocity_discrepancy"]["verdict"][0] < 3  # the velocity is not called wrong
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_an_outlier_among_the_first_positions_is_stated(which):
-    """Nobody knows at the second position which of the two is right, at the third it is known."""
-    fixes = received(D, np.random.default_rng(7), late=0.1, sigma=1.0)
-    fixes["lat"][which] += 60.0 / 6.37e6
-    p, out, _ = run(fixes)
-    k = slice(int(100 * 2.2), int(100 * 60.0))
-    assert (np.abs(p[k, 0]) < np.maximum(5.0, 4.0 * out["sigma_p"][k, 0])).all()
-    assert np.abs(p[int(100 * 3.2) :]).max() < 8.0

@@ -282,10 +282,6 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     if g.reject_count[HORIZONTAL] == 1:
         g.outage_at_reject_s = outage_s
     supported = velocity_is_supported(p, c, fix)
-    if c.gnss.fix_count <= p.tuning.outlier_count:  # the first one is as likely to be the outlier
-        reset_to_gnss(p, c, 0, 2, supported, 0.0)
-        clear_rejection(c)
-        return True
     consistent_s = consistent_for(p, c, supported)
     state_rejection(p, c, supported, outage_s, nis)
     either = c.drift.detected == BY_POSITIONS and estimate_may_be_wrong(p, c)

@@ -34,5 +34,5 @@ LIMITED_AXES = 512  # the x axis of the gyro is saturated; y and z: shifted left
 NO_RATE_AXES = 4096  # with NO_RATE: the x axis is invalid; y and z: shifted left by 1 and 2; none: all
 RECONNECTED = 256  # the first sample of a later connection: the sensor may have been moved since the one before
 MOUNTING_UNKNOWN = 32768  # the sensor's axes against the body's are not known
-DOUBTFUL_RATE = 65536  # gravity does not turn as the rates say, and it is not yet known that they are in rad/s
+UNCONFIRMED_RATE = 65536  # gravity does not turn as the rates say, and it is not yet known that they are in rad/s
 UNUSABLE = SUSPECT | NO_RATE | NO_FORCE  # a part of the sample is invalid

@@ -160,7 +160,7 @@ def slip_at_rest():
 
 @golden("attitude")
 def rates_in_degrees():
-    """At first in doubt, then named; they turn too slowly for it to be named at once."""
+    """At first unconfirmed, then named; they turn too slowly for it to be named at once."""
     samples = shown(simulate(25.0, 100.0, after(5.0, wobble(1, 0.1)), after(5.0, wobble(2, 0.5, 2.0, 6.0))))
     samples["w"] /= DEG
     return judged(samples, HEADED)

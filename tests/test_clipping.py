@@ -8,7 +8,7 @@ from broad import filter_of, samples_of
 from replay_in_process import new_filter, replay
 
 from imud.configuration.settings import Imu, Settings
-from imud.drivers.sample import DOUBTFUL_RATE, LIMITED_FORCE, LIMITED_RATE
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, UNCONFIRMED_RATE
 from imud.estimators.records import SATURATED, SOLUTION
 from imud.sensor_monitor.findings import words
 from imud.sensor_monitor.health import recent_findings
@@ -25,10 +25,10 @@ def swung(amplitude, hz=2.5, seconds=10.0, seed=1):
 
 
 def flags_of(samples, settings=None):
-    """(flags that the sensor monitor sets, its findings in words); rates are in doubt, as no force here turns."""
+    """(flags that the sensor monitor sets, its findings in words); rates are unconfirmed, as no force here turns."""
     filter_, seen = new_filter("attitude", samples, settings), samples.copy()
     filter_.run(seen, np.zeros(len(seen), SOLUTION))
-    return seen["flags"] & ~DOUBTFUL_RATE, words(recent_findings(filter_.health))
+    return seen["flags"] & ~UNCONFIRMED_RATE, words(recent_findings(filter_.health))
 
 
 def test_a_range_is_learned_from_two_plateaus_of_each_side():

@@ -6,7 +6,7 @@ from attitude_simulation import DEG, Flaws, after, measure, simulate, wobble
 from broad import samples_of
 from replay_in_process import new_filter
 
-from imud.drivers.sample import DOUBTFUL_RATE, NO_RATE
+from imud.drivers.sample import NO_RATE, UNCONFIRMED_RATE
 from imud.estimators.records import ATTITUDE_VALID, SOLUTION
 from imud.sensor_monitor.findings import words
 from imud.sensor_monitor.health import recent_findings
@@ -88,7 +88,7 @@ def test_fast_turns_show_degrees_within_half_a_second(rate_hz):
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 400.0])
-def test_rates_in_degrees_are_in_doubt_before_they_are_found(rate_hz):
+def test_rates_in_degrees_are_unconfirmed_before_they_are_found(rate_hz):
     """While they have turned the attitude by less than 60 deg. Until they were found it was VALID, for seconds."""
     for seed in range(3):
         rates, acceleration = wobble(seed, 0.3), wobble(seed + 50, 0.5, 3.0, 12.0)
@@ -102,23 +102,26 @@ def test_rates_in_degrees_are_in_doubt_before_they_are_found(rate_hz):
         assert np.degrees(out["sigma_rpy"][late]).min() > 10.0, seed
 
 
-def doubted_s(rates, seed, rate_hz=100.0, seconds=20.0, thrust=False):
-    """For how long rates in rad/s are in doubt. thrust: the force stays along the body's z axis, as a multicopter's."""
+def unconfirmed_s(rates, seed, rate_hz=100.0, seconds=20.0, thrust=False):
+    """For how long rates in rad/s are unconfirmed.
+
+    thrust: the force stays along the body's z axis, as a multicopter's.
+    """
     truth = simulate(seconds, rate_hz, rates, wobble(seed + 50, 0.3, 3.0, 12.0))
     w, f = measure(truth, Flaws(), np.random.default_rng(seed))
     f = f - truth.f + [0.0, 0.0, -9.8] if thrust else f
     samples = samples_of(truth.t, w, f)
     new_filter("attitude", samples).run(samples, np.zeros(len(samples), SOLUTION))
-    return np.count_nonzero(samples["flags"] & DOUBTFUL_RATE) / rate_hz
+    return np.count_nonzero(samples["flags"] & UNCONFIRMED_RATE) / rate_hz
 
 
-def test_a_hand_that_turns_a_sensor_leaves_no_doubt_of_its_rates():
-    assert [doubted_s(wobble(seed, 2.0), seed) for seed in range(6)] == [0.0] * 6
+def test_the_rates_of_a_sensor_that_a_hand_turns_are_confirmed():
+    assert [unconfirmed_s(wobble(seed, 2.0), seed) for seed in range(6)] == [0.0] * 6
 
 
-def test_a_flight_that_begins_gently_leaves_no_doubt_and_a_doubt_ends_by_itself():
+def test_the_rates_of_a_flight_are_confirmed_if_it_begins_gently_and_at_last_in_any_case():
     """Thrust does not turn with the rates, and is no evidence of degrees: there is no finding that would end it."""
     gentle, wild = wobble(3, 0.5), wobble(4, 2.5)
     gentle_at_first = lambda t: np.where((t < 8.0)[:, None], gentle(t), wild(t))  # noqa: E731
-    assert doubted_s(gentle_at_first, 1, thrust=True) == 0.0
-    assert 0.5 < doubted_s(wild, 1, thrust=True) <= 10.0
+    assert unconfirmed_s(gentle_at_first, 1, thrust=True) == 0.0
+    assert 0.5 < unconfirmed_s(wild, 1, thrust=True) <= 10.0

@@ -34,7 +34,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imud.drivers.sample import (
-    DOUBTFUL_RATE,
     LIMITED_AXES,
     LIMITED_FORCE,
     LIMITED_RATE,
@@ -43,6 +42,7 @@ from imud.drivers.sample import (
     NO_RATE_AXES,
     SATURATED,
     SUSPECT,
+    UNCONFIRMED_RATE,
 )
 
 from ..compile.entry import entry
@@ -328,7 +328,7 @@ def check_sample(h: Health, sample: Any) -> None:
     findings |= check_force(h, sample.t_ns)
     if sample.t_ns > h.last_ns or h.samples == 0:
         findings |= 1 << UNITS if rates_are_in_degrees(h.units, sample) else 0
-        sample.flags |= DOUBTFUL_RATE if h.units.doubtful == 1 else 0
+        sample.flags |= UNCONFIRMED_RATE if h.units.unconfirmed == 1 else 0
     frozen = findings >> FROZEN & _RATES != 0
     findings |= replace_spikes(h.spikes, sample, findings >> INVALID & (_RATES | _FORCES), frozen) << SPIKE
     findings &= ~(h.spikes.replaced << LIMITED)  # the sample no longer shows the end of the range

@@ -57,9 +57,9 @@ class RateUnits:
     count: int
     evidence: float
     degrees: int
-    doubtful: int
+    unconfirmed: int
     trust: float
-    doubt_windows: int
+    confirming_windows: int
     brisk_s: float
 
 

@@ -12,11 +12,11 @@ Two tests, of which either is enough; both look at fast rates only. The first is
   where the body moves little.
 
 Until one of them says so, wrong rates have turned the attitude for seconds. So when rates become fast for the first
-time they are in doubt while the force is spread SPREAD_RATIO times less in axes that they do not turn than in those
-that they do, after DOUBT_TURN already. The thrust of a multicopter, and the force on an aircraft in a curve, do not
-turn with the rates, either; but such a body has turned more slowly before, whereas a rate of 1 deg/s is soon exceeded
-by whatever turns at all: after BRISK_S at BRISK_RATE there is no doubt. Nor is there once the rates have explained the
-force (TRUST), or after DOUBT_WINDOWS without a finding: a unit does not change.
+time they are unconfirmed while the force is spread SPREAD_RATIO times less in axes that they do not turn than in those
+that they do, after CONFIRMING_TURN already. The thrust of a multicopter, and the force on an aircraft in a curve, do
+not turn with the rates, either; but such a body has turned more slowly before, whereas a rate of 1 deg/s is soon
+exceeded by whatever turns at all: after BRISK_S at BRISK_RATE they are confirmed. So they are once the rates have
+explained the force (TRUST), or after CONFIRMING_WINDOWS without a finding: a unit does not change.
 
 Each time the number of samples has doubled since a window began a decision is made, so that great rates show it within
 a tenth of a second. A unit does not change with the motion: the finding is withdrawn only when gravity stays in the
@@ -52,9 +52,9 @@ INDEPENDENT = 3.0  # 1/s, independent components of an acceleration
 EVIDENCE = 6.0  # log likelihood ratio
 SPREAD_RATIO = 3.0  # of sums of squares
 BRISK_RATE, BRISK_S = 1.0, 1.0  # rad/s; s in all, of rates beyond it
-DOUBT_TURN = 0.5  # rad, that rates must claim before they are in doubt
+CONFIRMING_TURN = 0.5  # rad, that rates must claim before they are unconfirmed
 TRUST = 3.0  # log likelihood ratio of rad/s over a sensor that hardly turns, from which they never are again
-DOUBT_WINDOWS = 2  # of the second test, after which they are not, either
+CONFIRMING_WINDOWS = 2  # of the second test, after which they are not, either
 TURN = 2.0 * math.pi  # rad, that rates must claim before gravity can tell where it stays
 
 RATE_UNITS = np.dtype(
@@ -73,9 +73,9 @@ RATE_UNITS = np.dtype(
         ("count", "<i8"),  # samples in it; 0: it has not begun
         ("evidence", "<f8"),  # of the windows before, at least 0
         ("degrees", "<i8"),  # 1: the rates are in deg/s
-        ("doubtful", "<i8"),  # 1: the force does not turn as the rates say
+        ("unconfirmed", "<i8"),  # 1: the force does not turn as the rates say
         ("trust", "<f8"),  # log likelihood ratio of the rates as they are, of the windows before
-        ("doubt_windows", "<i8"),  # that have ended; DOUBT_WINDOWS: the doubt is over
+        ("confirming_windows", "<i8"),  # that have ended; CONFIRMING_WINDOWS: they are confirmed
         ("brisk_s", "<f8"),  # s with rates beyond BRISK_RATE before the first window
     ],
     align=True,
@@ -106,9 +106,9 @@ def rates_are_in_degrees(u: RateUnits, sample: Any) -> bool:
     rate2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     force2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     is_fast = rate2 >= MIN_RATE**2
-    if rate2 >= BRISK_RATE**2 and u.count == 0 and u.doubt_windows == 0:
+    if rate2 >= BRISK_RATE**2 and u.count == 0 and u.confirming_windows == 0:
         u.brisk_s += u.period
-        u.doubt_windows = DOUBT_WINDOWS if u.brisk_s > BRISK_S else 0
+        u.confirming_windows = CONFIRMING_WINDOWS if u.brisk_s > BRISK_S else 0
     if (is_fast or u.count > 0) and rate2 + force2 < math.inf:
         compare_axes(u, w, f, math.sqrt(rate2), force2)
     if not is_fast or force2 > MAX_FORCE**2:
@@ -165,8 +165,8 @@ def compare_axes(u: RateUnits, w: Any, f: Any, rate: float, force2: float) -> No
     u.force2 += force2
     u.turn += rate * u.period
     u.count += 1
-    if u.doubt_windows < DOUBT_WINDOWS:
-        doubt_rates(u)
+    if u.confirming_windows < CONFIRMING_WINDOWS:
+        confirm_rates(u)
     if is_due(u, u.count) and u.turn > TURN and u.force2 < MAX_FORCE**2 * u.count:
         decide_by_axes(u)
     if u.count >= u.window:
@@ -174,21 +174,21 @@ def compare_axes(u: RateUnits, w: Any, f: Any, rate: float, force2: float) -> No
 
 
 @kernel
-def doubt_rates(u: RateUnits) -> None:
+def confirm_rates(u: RateUnits) -> None:
     """Does the force turn as the rates say, in the present window? At its end, and if they surely do, this is kept."""
     present = 0.0
-    if u.turn > DOUBT_TURN and u.force2 < MAX_FORCE**2 * u.count:
+    if u.turn > CONFIRMING_TURN and u.force2 < MAX_FORCE**2 * u.count:
         by_rates, unturned = spread(u, RADIANS), min(spread(u, NONE), spread(u, DEGREES))
         present = 0.5 * INDEPENDENT * u.count * u.period * elementary.log(unturned / by_rates)
-        u.doubtful = 1 if by_rates > SPREAD_RATIO * unturned else 0
+        u.unconfirmed = 1 if by_rates > SPREAD_RATIO * unturned else 0
     if u.count >= u.window:
         u.trust += present
-        u.doubt_windows += 1
-        u.doubtful = 0
+        u.confirming_windows += 1
+        u.unconfirmed = 0
     if u.trust + present > TRUST:
-        u.doubt_windows = DOUBT_WINDOWS
-    if u.doubt_windows >= DOUBT_WINDOWS:
-        u.doubtful = 0
+        u.confirming_windows = CONFIRMING_WINDOWS
+    if u.confirming_windows >= CONFIRMING_WINDOWS:
+        u.unconfirmed = 0
 
 
 @kernel

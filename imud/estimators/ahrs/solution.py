@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from imud.drivers import elementary
-from imud.drivers.sample import DOUBTFUL_RATE
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
+from imud.drivers.sample import UNCONFIRMED_RATE
 
 from ...compile.jit import kernel
 from ...math.rotation import UNKNOWN_ANGLE
@@ -28,7 +28,7 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
     unseen = elementary.hypot(unseen, elementary.hypot(cut_off, s.hypotheses.possible_tilt_error))
     unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
-    if flags & DOUBTFUL_RATE != 0:
+    if flags & UNCONFIRMED_RATE != 0:
         cut_off = unseen = UNKNOWN_ANGLE
     if (
         s.levelling.initialised == 1

@@ -402,7 +402,7 @@ def wrong_course():
 def wrong_velocity_from_the_start():
     """Constant, and not used before the heading; which of the two is wrong is decided after a minute."""
     samples, fixes = data(seed=51)
-    fixes["speed"], fixes["course"] = 1.5, 0.3
+    fixes["speed"], fixes["course"] = 2.5, 0.3
     return navigated(samples, fixes)
 
 

@@ -91,6 +91,16 @@ def test_a_fix_that_comes_twice_is_used_once():
     assert (rows["kind"] < 5).sum() == (rows_again["kind"] < 5).sum()
 
 
+def test_a_course_of_few_digits_that_repeats_does_not_keep_velocities_from_being_compared():
+    """A robot's with an RTK receiver, in steps of a degree: one in three is the same again."""
+    d = drive(150.0, speed=1.2)
+    rng = np.random.default_rng(9)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.1, sigma=0.02, white=0.01, speed_sigma=0.01, every=0.2)
+    fixes["course"] = np.radians(np.round(np.degrees(fixes["course"])))
+    fixes["sigma"] = (0.03, 0.03, 0.05)
+    assert navigate(samples, fixes)[2]["velocity_discrepancy"]["count"][0] > 100
+
+
 def test_a_course_that_a_slow_receiver_holds_is_no_direction():
     """A robot that turns below 1 m/s: its heading is right all the same, found from the positions."""
     for seed in (1700, 1701):

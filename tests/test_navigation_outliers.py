@@ -7,6 +7,7 @@ from navigation_simulation import Later, drive, errors, received, sensed
 from simulated_errors import outliers
 
 D = Later(drive, 160.0, speed=12.0)
+LONG = Later(drive, 260.0, speed=12.0)
 
 
 def run(fixes, d=D):
@@ -34,6 +35,30 @@ def test_outliers_do_not_move_the_estimate(kind, sigma_m):
     assert abs(state["core"][0, 0]["nav"]["time_offset"]) < 0.15
 
 
+@pytest.mark.parametrize(("speed_error", "metres"), [(3.0, -180.0), (1.0, -45.0)])
+def test_an_outlier_is_no_drift_that_ends_where_the_velocity_is_known_to_be_wrong(speed_error, metres):
+    """It is where the positions would be if the velocity had been right for the last minute."""
+    fixes = received(LONG, np.random.default_rng(4), late=0.1, sigma=1.0)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    v = np.exp(1j * fixes["course"]) * fixes["speed"] - speed_error * (t > 30.0)
+    fixes["speed"], fixes["course"] = np.abs(v), np.angle(v)
+    fixes["lat"][np.round(t) == 240.0] += metres / 6.37e6
+    p, _, _ = run(fixes, LONG)
+    assert np.abs(p[23900:, :2]).max() < 15.0
+
+
+def test_the_filter_is_not_reset_to_an_outlier():
+    """Without a velocity, when a jump of 60 m has been rejected for long enough."""
+    fixes = received(D, np.random.default_rng(4), late=0.1, sigma=1.0)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    fixes["speed"] = fixes["course"] = np.nan
+    fixes["lat"][t >= 99.5] += 60.0 / 6.37e6
+    for at_s in range(105, 112):
+        one = fixes.copy()
+        one["lat"][np.round(t) == at_s] += 200.0 / 6.37e6
+        assert np.nanmax(np.abs(run(one)[0][:, 0])) < 90.0
+
+
 def test_outliers_do_not_keep_the_filter_from_positions_that_have_jumped():
     """Of 40 m for good: the filter is reset to them after reset_s, though one in eight is an outlier."""
     fixes = received(D, np.random.default_rng(4), late=0.1, sigma=1.0)
@@ -54,10 +79,12 @@ def test_a_position_that_is_off_after_an_outage_bends_nothing_else(every):
     off = np.where(t > 100.0, np.exp(-np.maximum(t - 100.0, 0.0) / 8.0), 0.0)
     fixes["lat"] += 50.0 * off / 6.37e6
     fixes["lon"] -= 50.0 * off / 6.37e6
-    out, _, state = navigate(sensed(D, np.random.default_rng(1)), fixes[(t < 80.0) | (t > 100.0)])
+    samples, fixes = sensed(D, np.random.default_rng(1)), fixes[(t < 80.0) | (t > 100.0)]
+    out, _, _ = navigate(samples, fixes)
     position, velocity, attitude = errors(D, out)
+    coming_back = navigate(samples[: int(100 * 105.0)], fixes[fixes["arrival_ns"] < 205 * 10**9])[2]
+    assert coming_back["velocity_discrepancy"]["verdict"][0] < 3  # the velocity is not called wrong
     since = slice(int(100 * 101.5), None)
     assert np.abs(velocity[since, :2]).max() < 2.5
     assert np.degrees(np.abs(attitude[since, 2])).max() < 2.0
     assert np.hypot(*position[-1, :2]) < 5.0
-    assert state["velocity_discrepancy"]["verdict"][0] < 3  # the velocity is not called wrong

@@ -21,6 +21,8 @@ from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.drivers.sample import POWER_ON, SAMPLE
 from imud.estimators import registry
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import backward_fixes, start
 from imud.estimators.ins.state import EXACT_EPOCHS, STATES, TIME_OFFSET
 from imud.estimators.records import FIX, HEADING_VALID, MEASUREMENT, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
@@ -275,3 +277,15 @@ def test_an_estimator_that_cannot_run_backward_is_named(tmp_path, capsys):
     ]
     assert main(arguments) == 64
     assert "tilt cannot be smoothed" in capsys.readouterr().err
+
+
+def test_a_course_that_a_slow_receiver_holds_is_taken_out_before_fixes_are_reversed():
+    """Backward the first of them would be the one that is held for longest."""
+    fixes = np.zeros(7, FIX)
+    fixes["v"], fixes["speed"], fixes["course"] = np.nan, 1.0, (0.1, 0.2, 0.2, 0.2, 0.2, 0.9, 0.9)
+    parameters, state = configure(Settings(), 100.0), start(configure(Settings(), 100.0), Initial())
+    held = np.isnan(backward_fixes(parameters, state, fixes)["course"])
+    assert held.tolist() == [False, False, False, True, True, False, False]
+    fixes["speed"] = 3.0
+    assert not np.isnan(backward_fixes(parameters, state, fixes)["course"]).any()
+    assert len(backward_fixes(parameters, state, fixes[:0])) == 0

@@ -162,7 +162,7 @@ class Devices:
             if silent and not isinstance(port.line, KnownDevice):  # a recording may have gaps, after which it continues
                 port.lost("the device sends nothing more of use")
             elif isinstance(sensor, Inertial) and sensor.is_ahead(now_ns) and not isinstance(port.line, KnownDevice):
-                port.lost("more samples came than can be: their times are ahead of the clock: set up anew")
+                port.lost("more samples than the agreed rate allows: their times are ahead of the clock: set up anew")
         for port in [port for port, sensor in self.in_use.aiding_sensors.items() if sensor.decoder.status.arrival_ns]:
             port.lost("it sends positions, too: it is a receiver")
         if self.in_use.imu and (why := self._stream_check.wrong_rate(self.in_use.imu.sensor)):
@@ -208,7 +208,7 @@ class Devices:
 
     def watch(self, port: Port, fd: int) -> None:
         """A port opened its device."""
-        self._is_no_closed_spare(port)
+        self._forget_closed_spare(port)
         self._descriptors.add(port, fd)
 
     def unwatch(self, fd: int) -> None:
@@ -251,10 +251,10 @@ class Devices:
 
     def not_connected(self, port: Port) -> None:
         """An attempt has found no device that can be used."""
-        self._is_no_closed_spare(port)
+        self._forget_closed_spare(port)
         self._warn_without_imu()
 
-    def _is_no_closed_spare(self, port: Port) -> None:
+    def _forget_closed_spare(self, port: Port) -> None:
         """A port was tried: what was there is a closed spare no more, and what is there now may be another device."""
         for ports in self._closed_spares.values():
             ports.discard(port)

@@ -52,11 +52,12 @@ class Estimator:
     # Smoothing: (parameters, state, solution, factor) -> tunables, by name, with which a filter begins at the last
     # solution of a run that ended in this state, its sigmas times `factor`; None: it cannot run backward in time
     backward_tuning: Callable[[Any, Records, Any, float], dict[str, float]] | None = None
+    # (parameters, state, fixes) -> the fixes without what is of an earlier time than their epochs, which backward in
+    # time would be of a later one
+    backward_fixes: Callable[[Records, Records, Records], Records] | None = None
 
     # What the state says, for outputs and reports
     fix_delay_s: Callable[[Records], float] | None = None  # by how much fixes are older than their epochs, s
-    # (parameters, state): whether the velocities of the receiver are of the times of its positions, or nearly so
-    fix_velocity_fits: Callable[[Records, Records], bool] | None = None
     source_ages_s: Callable[[Records], Floats] | None = None  # the same of measurements, by the code of their source
     # by the code of a source: `scale` and `offset_m` of its readings, each with its sigma (`s…`); `finding`: why its
     # measurements are not used

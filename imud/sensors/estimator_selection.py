@@ -17,9 +17,6 @@ from .inertial import Inertial
 
 RATE_STEP = 0.1  # logarithmic: sensors within that are the same to a filter
 AWAY_NS = 30_000_000_000  # after which an estimate says nothing more of the body: the filter begins anew
-_AHEAD_NS = (
-    1_000_000_000  # a filter whose time is so far ahead of the clock would stand still until then: it begins anew
-)
 _UNKNOWN = Initial()
 
 

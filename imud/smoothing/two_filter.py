@@ -64,14 +64,9 @@ class Forward:
         return 0.0 if delay is None else delay(self.filter.state)
 
     def fixes(self, fixes: Records) -> Records:
-        """Fixes, without their velocities if these are of other times than the positions: backward they are newer."""
-        fit = self.filter.estimator.fix_velocity_fits
-        if fit is None or fit(self.filter.parameters, self.filter.state):
-            return fixes
-        rows = fixes.copy()
-        for name in ("v", "sigma_v", "speed", "course"):
-            rows[name] = np.nan
-        return rows
+        """Fixes as a backward run uses them."""
+        backward = self.filter.estimator.backward_fixes
+        return fixes if backward is None else backward(self.filter.parameters, self.filter.state, fixes)
 
     def at_their_ages(self, measurements: Records) -> Records:
         """Measurements with the epochs that the filter took them for."""

@@ -56,15 +56,15 @@ def update_variance_factor(p: Parameters, s: State) -> None:
         restart_variance_factor(s)
         return
     forgotten = time / (c.correction_time_s + time)
-    others0 = max(variance(s, ATTITUDE) - tilt_variance_by_bias(s, 0), 0.0)
-    others1 = max(variance(s, ATTITUDE + 1) - tilt_variance_by_bias(s, 1), 0.0)
+    correctable0 = max(variance(s, ATTITUDE) - tilt_variance_by_bias(s, 0), 0.0)
+    correctable1 = max(variance(s, ATTITUDE + 1) - tilt_variance_by_bias(s, 1), 0.0)
     sum2 = expected2 = 0.0
     for i in range(2):
         factor.correction[i] += s.scratch.x[ATTITUDE + i] - forgotten * factor.correction[i]
-        factor.expected2[i] -= 2.0 * forgotten * factor.expected2[i]
+        factor.expected2[i] *= (1.0 - forgotten) ** 2
         sum2 += factor.correction[i] * factor.correction[i]
         expected2 += factor.expected2[i]
-    others = others0 + others1
+    others = correctable0 + correctable1
     weight, faded = time / c.correction_time_s, time / (c.correction_memory_s + time)
     factor.squares += weight * sum2 - faded * factor.squares
     factor.expectations += weight * min(expected2, others) - faded * factor.expectations
@@ -73,8 +73,8 @@ def update_variance_factor(p: Parameters, s: State) -> None:
         return
     ratio = (others + factor.squares) / (others + factor.expectations)
     ratio = min(max(ratio, sum2 / (c.correction_surprise * others)), 1.0)
-    factor.tilt_scale[0] = (1.0 - (1.0 - ratio) * others0 / variance(s, ATTITUDE)) ** 0.5
-    factor.tilt_scale[1] = (1.0 - (1.0 - ratio) * others1 / variance(s, ATTITUDE + 1)) ** 0.5
+    factor.tilt_scale[0] = (1.0 - (1.0 - ratio) * correctable0 / variance(s, ATTITUDE)) ** 0.5
+    factor.tilt_scale[1] = (1.0 - (1.0 - ratio) * correctable1 / variance(s, ATTITUDE + 1)) ** 0.5
 
 
 @kernel

@@ -28,9 +28,9 @@ from .filter_states import attitude, filter_states
 from .findings import findings
 from .parameters import TUNABLES, configure
 from .setup import (
+    backward_fixes,
     backward_tuning,
     fix_delay_s,
-    fix_velocity_fits,
     is_valid,
     place,
     restore_biases,
@@ -57,8 +57,8 @@ ESTIMATOR = Estimator(
     checkpoint=checkpoint,
     resume=resume,
     backward_tuning=backward_tuning,
+    backward_fixes=backward_fixes,
     fix_delay_s=fix_delay_s,
-    fix_velocity_fits=fix_velocity_fits,
     source_ages_s=source_ages_s,
     source_estimates=source_estimates,
     findings=findings,

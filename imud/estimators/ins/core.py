@@ -322,8 +322,9 @@ STORED_MEASUREMENT = np.dtype(
         ("age_variance", "<f8"),  # s^2, of its epoch less the age of its source
         ("velocity_epoch", VELOCITY_EPOCH),  # of a fix, when it was fused first
         ("restarts", "<i8"),  # 1: at this fix the filter begins anew, without the receiver's velocity
-        ("discrepancy", "<f8", (2,)),  # m/s, of its velocity against its positions, where open
-        ("discrepancy_s", "<f8"),  # time for which there has been one; 0: none is open
+        ("discrepancy", "<f8", (2,)),  # m/s, of its velocity against its positions, where there is one
+        ("discrepancy_s", "<f8"),  # time for which there has been one; 0: there is none
+        ("discrepancy_open", "<i8"),  # 1: either of the two may be wrong, the positions for no longer than they drift
         ("velocity_lost", "<i8"),  # 1: from this fix on the velocity is not used
         ("discrepancy_lasts", "<i8"),  # 1: from this fix on it is longer than positions drift
         ("bank", "<i8"),  # number of the hypothesis bank before a fix
@@ -353,6 +354,7 @@ STATE = np.dtype(
         ("sample_count", "<i8"),  # samples ever put into the ring
         ("fix", FIX),  # the last one given, as it is used
         ("last_course", "<f8"),  # rad, of that, as it was reported
+        ("course_repeats", "<i8"),  # fixes in a row that have repeated a course to the last digit
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused
         ("last_time_offset", "<f8"),  # s, as found at that fix
         ("last_fusion_ns", "<i8"),  # and the time of the core at which it was fused

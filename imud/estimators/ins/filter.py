@@ -147,9 +147,9 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     c, fix = s.core[0], s.fix
     if s.sample_count == 0 or not is_usable(reported) or is_same_fix(reported, fix):
         return 0
-    held = course_is_held(p, reported, s.last_course)
+    s.course_repeats = s.course_repeats + 1 if reported.course == s.last_course else 0
     s.fix, s.last_course = reported, reported.course
-    if held:
+    if course_is_held(p, reported, s.course_repeats):
         fix.course = math.nan
     too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
     if fix.t_ns >= s.last_epoch_ns and not too_new:
@@ -167,7 +167,8 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     if usable and not rewind_to(s, t_ns):
         t_ns, usable, snapshots = fix.t_ns, forget_time_offset(p, s, fix), s.snapshot_count
     if not usable:
-        return write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
+        fix.t_ns = NEVER_NS  # if it comes again, it may be used
+        return write_innovation(innovations, 0, reported.t_ns, POSITION_N, math.nan, math.nan, False)
     if found:
         use_fix_age(p, c, s.fix_age, fix)
     if s.velocity_lag.late == USED:

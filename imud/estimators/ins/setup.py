@@ -100,7 +100,7 @@ def start(parameters: Records, initial: Initial) -> Records:
             c[record][name] = NEVER_NS
     for name in ("last_epoch_ns", "last_fusion_ns"):
         s[name] = NEVER_NS
-    s["last_course"] = math.nan
+    s["last_course"], s["fix"]["t_ns"] = math.nan, NEVER_NS
     s["fix_age"]["last_ns"] = s["fix_age"]["origin_ns"] = NEVER_NS
     s["velocity_lag"]["last_ns"] = NEVER_NS
     s["velocity_discrepancy"]["last_ns"] = s["velocity_discrepancy"]["onset_ns"] = NEVER_NS
@@ -213,11 +213,19 @@ def fix_delay_s(state: Records) -> float:
     return float(state["core"][0, 0]["nav"]["time_offset"])
 
 
-def fix_velocity_fits(parameters: Records, state: Records) -> bool:
-    """See `Estimator`."""
-    g, t = state["velocity_lag"][0], parameters["tuning"][0]
+def backward_fixes(parameters: Records, state: Records, fixes: Records) -> Records:
+    """See `Estimator`: without courses that a slow receiver holds, and without any velocities if these are late."""
+    g, t, rows = state["velocity_lag"][0], parameters["tuning"][0], fixes.copy()
+    changed = np.append(True, fixes["course"][1:] != fixes["course"][:-1])
+    n = np.arange(len(fixes))
+    repeats = n - np.maximum.accumulate(np.where(changed[: len(fixes)], n, 0))
+    slow = (fixes["speed"] < t["max_held_course_speed"]) & ~np.isfinite(fixes["v"][:, 0])
+    rows["course"][slow & (repeats >= t["held_course_repeats"])] = np.nan
     certain = abs(g["lag"]) - t["lag_sigmas"] * math.sqrt(g["variance"])
-    return not (g["late"] or (g["variance"] > 0.0 and certain > t["max_lag_s"]))
+    if g["late"] or (g["variance"] > 0.0 and certain > t["max_lag_s"]):
+        for name in ("v", "sigma_v", "speed", "course"):
+            rows[name] = np.nan
+    return rows
 
 
 def source_ages_s(state: Records) -> Floats:

@@ -222,6 +222,7 @@ class Tuning:
     level_pair_age_s: float
     level_vertical_sigma: float
     level_motion_sigma: float
+    level_gate: float
     level_turn_speed: float
     vector_pair_s: float
     vector_pair_max_s: float
@@ -280,6 +281,7 @@ class Tuning:
     frozen_min_m: float
     repeated_s: float
     max_held_course_speed: float
+    held_course_repeats: int
     onset_interval_s: float
     min_drift_s: float
     min_drift_fixes: int

@@ -732,6 +732,7 @@ class StoredMeasurement:
     restarts: int
     discrepancy: Reals
     discrepancy_s: float
+    discrepancy_open: int
     velocity_lost: int
     discrepancy_lasts: int
     bank: int
@@ -758,6 +759,7 @@ class State:
     sample_count: int
     fix: Fix
     last_course: float
+    course_repeats: int
     last_epoch_ns: int
     last_time_offset: float
     last_fusion_ns: int

@@ -121,9 +121,10 @@ TUNABLES = (
 
 
 @kernel
-def reports_velocity(fix: Fix) -> bool:
-    """Whether the receiver reports a velocity or a speed."""
-    return math.isfinite(fix.speed) or math.isfinite(fix.v[0])
+def reports_velocity(p: Parameters, fix: Fix) -> bool:
+    """Whether the receiver reports a velocity, or a speed with a direction or too low for one."""
+    directed = math.isfinite(fix.course) or fix.speed < p.tuning.min_course_speed
+    return bool(math.isfinite(fix.v[0]) or (math.isfinite(fix.speed) and directed))
 
 
 @kernel
@@ -135,7 +136,7 @@ def velocity_is_supported(p: Parameters, c: Core, fix: Fix) -> bool:
     """
     agrees = c.integrity.velocity_reject_count == 0 and c.drift.detected != BY_WHEELS
     drifts = (c.drift.detected != 0 or wheels_support(p, c)) and is_as_far_as_a_drift(p, c, p.tuning.reset_s)
-    return bool(drifts or c.stationarity.at_rest != 0 or (reports_velocity(fix) and agrees))
+    return bool(drifts or c.stationarity.at_rest != 0 or (reports_velocity(p, fix) and agrees))
 
 
 @kernel
@@ -180,7 +181,7 @@ def drift_is_plausible(p: Parameters, c: Core, fix: Fix) -> bool:
     Not where the estimate is new, or was without fixes before: then the estimate is as likely to be wrong.
     """
     recent = c.integrity.outage_at_reject_s < p.tuning.fresh_fix_s
-    return bool(not reports_velocity(fix) and all_onsets_open(c) and recent and is_as_far_as_a_drift(p, c, 0.0))
+    return bool(not reports_velocity(p, fix) and all_onsets_open(c) and recent and is_as_far_as_a_drift(p, c, 0.0))
 
 
 @kernel
@@ -234,21 +235,22 @@ def clear_rejection(c: Core) -> None:
 def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     """Time, s, for which the rejected positions have been consistent with the velocity, within the errors of both.
 
-    Call for each rejected fix. Of inconsistent positions in a row the first `outlier_count` may be outliers: 0 s at
-    these; a further one restarts the time. supported: see `velocity_is_supported`.
+    Call for each rejected fix. Of inconsistent positions in a row, further off than a receiver drifts, the first
+    `outlier_count` may be outliers: 0 s at these; a further one restarts the time, as one that drifts does. supported:
+    see `velocity_is_supported`.
     """
     g = c.integrity
     dt = 1e-9 * (c.nav.t_ns - g.reject_start_ns[HORIZONTAL])
     inertial2 = 0.0 if supported else inertial_velocity_variance(p, c)
-    inconsistent = False
+    inconsistent, far2 = False, 0.0
     for i in range(2):
         bias2 = c.gnss.reported_sigma[HORIZONTAL] ** 2 * (1.0 - elementary.exp(-dt / p.tuning.gnss_bias_time_s))
         allowed = 2.0 * (bias2 + c.gnss.noise_var[HORIZONTAL]) + (variance(c, VELOCITY + i) + inertial2) * dt * dt
         allowed += variance(c, TIME_OFFSET) * (c.nav.v_n[i] - g.reject_velocity[i]) ** 2
-        inconsistent = (
-            inconsistent or (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2 > p.tuning.consistency_gate * allowed
-        )
-    g.inconsistent_count = g.inconsistent_count + 1 if inconsistent else 0
+        away2 = (bias_free_innovation(c, i) - g.reject_offset[i]) ** 2
+        inconsistent, far2 = inconsistent or away2 > p.tuning.consistency_gate * allowed, far2 + away2
+    far = inconsistent and far2 > (p.tuning.max_drift_speed * max(dt, p.tuning.chord_step_s)) ** 2
+    g.inconsistent_count = g.inconsistent_count + 1 if far else 0
     if g.reject_count[HORIZONTAL] > 1 and 0 < g.inconsistent_count <= p.tuning.outlier_count:
         return 0.0
     if g.reject_count[HORIZONTAL] == 1 or inconsistent:
@@ -287,7 +289,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     either = c.drift.detected == BY_POSITIONS and estimate_may_be_wrong(p, c)
     if either:
         state_detected_drift(c)
-    if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s:
+    if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s or g.inconsistent_count == 1:
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
     drifts = c.drift.detected != 0 and wheels_support(p, c)

@@ -146,7 +146,7 @@ def excess_variance(c: Core, lever: Vector, extra: float) -> float:
 
 @kernel
 def drift_has_ended(p: Parameters, c: Core) -> bool:
-    """Whether a horizontal position that would be rejected goes back over what those used before may have drifted.
+    """Whether a horizontal position that would be rejected is where positions would be without a drift of those used.
 
     The receiver's velocity has contradicted them since then, so that one of the two was wrong. How far they have
     drifted is known to a share of it only.

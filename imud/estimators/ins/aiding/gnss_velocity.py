@@ -136,7 +136,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
     n: rows of `innovations` written before.
     """
     slow = fix.speed if not math.isfinite(fix.v[0]) and fix.speed < p.tuning.min_course_speed else 0.0
-    rejected = 0
+    rejected, reported = 0, False
     if c.odometer.last_used_ns != NEVER_NS:
         a = c.scratch.velocity_epoch.acceleration
         r = velocity_variance(p, c, slow, 1.0, max(fix.sigma_v[0], fix.sigma_v[1]))
@@ -147,6 +147,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
         z = velocity_innovation(p, c, fix, i)
         if not math.isfinite(z):
             continue
+        reported = True
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + second_order_of_time(c, i) ** 2
         length = velocity_jacobian(p, c, i)
@@ -156,6 +157,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
             learn_velocity_noise(p, c, nis)
         n = write_innovation(innovations, n, fix.t_ns, VELOCITY_N + i, z, s, used)
         rejected += 0 if used else 1
-    count_velocity_rejects(c, 0 if gate == REJECT else rejected)
+    if reported:
+        count_velocity_rejects(c, 0 if gate == REJECT else rejected)
     correct_state(p, c)
     return n

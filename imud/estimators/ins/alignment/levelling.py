@@ -15,7 +15,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import gravity
 from ...tuning import Tunable
-from ..ekf import innovation_variance, set_jacobian, variance
+from ..ekf import add_variance, innovation_variance, set_jacobian, variance
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -64,6 +64,7 @@ TUNABLES = (
         "Sigma of the mean specific force in motion; accelerations last several windows.",
         "Recorded drives.",
     ),
+    Tunable("level_gate", 25.0, "NIS", "Gate of a level force, beyond which P is inflated.", "Five sigma."),
     Tunable("level_turn_speed", 20.0, "m/s", "Speed assumed for the centripetal force of a turn.", "Choice."),
 )
 
@@ -77,6 +78,21 @@ def tilt_jacobian(c: Core, length: int, C_nb: Matrix, axis: int, gain: float, ag
     for j in range(3):
         length = set_jacobian(c, length, GYRO_BIAS + j, gain * ago * C_nb[3 * axis + j])
     return set_jacobian(c, length, ATTITUDE + axis, gain)
+
+
+@kernel
+def share_excess(p: Parameters, c: Core, length: int, z: float, r: float, axis: int) -> float:
+    """Inflate P for a level force z beyond its gate, in motion, along axis (0 north, 1 east).
+
+    The tilt or the acceleration, of variance r, is larger than stated; each gets half of the excess. Returns that of
+    the acceleration, m^2/s^4.
+    """
+    s = innovation_variance(c, length) + r
+    if z * z < p.tuning.level_gate * s:
+        return 0.0
+    half, g = 0.5 * (z * z - s), gravity(c.nav.lat, c.nav.height)
+    add_variance(c, ATTITUDE + 1 - axis, half / (g * g))
+    return half
 
 
 @kernel
@@ -108,7 +124,10 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
             length = set_jacobian(c, length, ACCEL_BIAS + j, -(dn * C_nb[j] + de * C_nb[3 + j] + dd * C_nb[6 + j]))
         if i == 2 and innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
             continue
-        gated_update(c, length, z, sigma * sigma, NO_GATE)
+        r = sigma * sigma
+        if i < 2 and not resting:
+            r += share_excess(p, c, length, z, r, i)
+        gated_update(c, length, z, r, NO_GATE)
     correct_state(p, c)
 
 

@@ -45,6 +45,7 @@ TUNABLES = (
         "Speed below which a course that repeats to the last digit is held.",
         "The noise of a slow receiver's course is degrees.",
     ),
+    Tunable("held_course_repeats", 2, "fixes", "Repetitions in a row by which a course is held.", "Choice."),
 )
 
 
@@ -110,7 +111,10 @@ def is_same_fix(fix: Fix, last: Fix) -> bool:
 
 
 @kernel
-def course_is_held(p: Parameters, fix: Fix, last_course: float) -> bool:
-    """Whether the receiver holds its course, as it is slow: the velocity then has a direction of before."""
+def course_is_held(p: Parameters, fix: Fix, repeats: int) -> bool:
+    """Whether the receiver holds its course, as it is slow: the velocity then has a direction of before.
+
+    repeats: fixes in a row, with this one, that have repeated it; one may be by chance, as courses have few digits.
+    """
     slow = fix.speed < p.tuning.max_held_course_speed and not math.isfinite(fix.v[0])
-    return bool(slow and fix.course == last_course)
+    return bool(slow and repeats >= p.tuning.held_course_repeats)

@@ -9,7 +9,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("rejecting", "<i8"),  # 1: the last fix was rejected
         ("reject_count", "<i8", (2,)),  # positions in a row, and heights
         ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
-        ("inconsistent_count", "<i8"),  # rejected positions in a row that contradict those before: outliers?
+        ("inconsistent_count", "<i8"),  # rejected positions in a row that are far from those before: outliers?
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("reject_velocity", "<f8", (2,)),  # m/s, north and east, estimated then

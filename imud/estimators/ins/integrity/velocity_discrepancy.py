@@ -71,8 +71,10 @@ def compare_with_positions(p: Parameters, c: Core, g: VelocityDiscrepancy, fix: 
     """Take a fix, in the order of the epochs: the discrepancy until now."""
     v_n, v_e, dt = velocity_of(p, fix, 0), velocity_of(p, fix, 1), 1e-9 * (fix.t_ns - g.last_ns)
     g.repeated = 1 if fix.lat == g.last_lat and fix.lon == g.last_lon else 0
-    if (c.integrity.frozen != 0 and g.repeated) or not math.isfinite(v_n + v_e):
+    known = math.isfinite(v_n + v_e)
+    if (c.integrity.frozen != 0 and g.repeated) or (not known and dt >= p.tuning.max_chord_step_s):
         begin_comparison(g)
+    if not known or (c.integrity.frozen != 0 and g.repeated):
         return
     if g.last_ns == NEVER_NS or fix.flags & NEW_RECEIVER != 0 or not 0.0 < dt < p.tuning.max_chord_step_s:
         begin_comparison(g)
@@ -131,7 +133,10 @@ def chord_rate(p: Parameters, c: Core, g: VelocityDiscrepancy, last: int, n: int
 
 @kernel
 def away_from_held(g: VelocityDiscrepancy, last: int, n: int) -> float:
-    """Squared difference of the rate over the n points until point `last` from the one held, m^2/s^2."""
+    """Squared difference of the rate over the n points until point `last` from the one held, m^2/s^2.
+
+    By the sums, whose changes medians would blunt: a drift of the positions that ends is to be seen as long as it was.
+    """
     a, b = g.points[(last - n) % CHORD_POINTS], g.points[last % CHORD_POINTS]
     t = 1e-9 * (b.t_ns - a.t_ns)
     return difference2((b.sum[0] - a.sum[0]) / t, (b.sum[1] - a.sum[1]) / t, g.rate[0], g.rate[1])
@@ -183,11 +188,13 @@ def find_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, sigma: floa
 
 
 @kernel
-def is_confirmed(c: Core) -> bool:
-    """Whether the estimate uses the velocities and rejects the positions: the inertial sensor measures what they do."""
-    g = c.integrity
-    used = c.alignment.mode == NAVIGATING and g.velocity_reject_count == 0
-    return bool(used and g.reject_count[HORIZONTAL] > 0)
+def is_confirmed(c: Core, g: VelocityDiscrepancy) -> bool:
+    """Whether the estimate uses the velocities and rejects the positions.
+
+    The inertial sensor then has measured the motion that the velocities report.
+    """
+    used = c.alignment.mode == NAVIGATING and g.verdict < UNUSED and c.integrity.velocity_reject_count == 0
+    return bool(used and c.integrity.reject_count[HORIZONTAL] > 0)
 
 
 @kernel
@@ -196,7 +203,7 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, e: StoredM
 
     e: the fix, which gets what `allow_for_discrepancy` does whenever it is fused.
     """
-    e.velocity_lost = e.discrepancy_lasts = 0
+    e.velocity_lost = e.discrepancy_lasts = e.discrepancy_open = 0
     e.discrepancy_s = 0.0
     for i in range(2):
         c.scratch.discrepancy2[i] = 0.0
@@ -204,7 +211,7 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, e: StoredM
         return
     since_s, last = min(1e-9 * (g.last_ns - g.onset_ns), p.tuning.max_reject_s), g.verdict
     too_fast = elementary.hypot(g.rate[0], g.rate[1]) > p.tuning.max_drift_speed and not g.repeated
-    too_fast = too_fast and not is_confirmed(c)
+    too_fast = too_fast and not is_confirmed(c, g)
     too_long = since_s >= p.tuning.max_reject_s and c.drift.detected == 0
     rejected = c.alignment.mode == NAVIGATING and c.integrity.velocity_reject_count >= p.tuning.discrepancy_rejects
     if too_fast or too_long or rejected:
@@ -212,6 +219,7 @@ def judge_discrepancy(p: Parameters, c: Core, g: VelocityDiscrepancy, e: StoredM
     elif last < UNUSED:
         g.verdict = UNDECIDED if c.alignment.mode == NAVIGATING or g.repeated else UNUSED
     e.discrepancy_s = since_s
+    e.discrepancy_open = 1 if g.verdict < VELOCITY_WRONG and since_s < p.tuning.max_reject_s else 0
     e.discrepancy_lasts = 1 if too_long and last < VELOCITY_WRONG else 0
     e.velocity_lost = 1 if last < UNUSED and g.verdict >= UNUSED else 0
     for i in range(2):
@@ -231,7 +239,7 @@ def allow_for_discrepancy(c: Core, e: StoredMeasurement) -> None:
     """
     for i in range(2):
         v2 = e.discrepancy[i] ** 2
-        c.scratch.drift[i] = e.discrepancy[i] * e.discrepancy_s
+        c.scratch.drift[i] = e.discrepancy[i] * e.discrepancy_s if e.discrepancy_open else 0.0
         if e.discrepancy_lasts:
             inflate_position(c, i, v2 * e.discrepancy_s**2)
         if e.velocity_lost:

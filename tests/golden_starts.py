@@ -4,6 +4,7 @@ import numpy as np
 from golden_data import HEADED, data, moved, navigated, random, road, seconds, silent, turned
 from golden_run import golden
 from navigation_simulation import received, sensed
+from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial
 
@@ -91,3 +92,14 @@ def slipping_start():
     angle = 1.2 * np.exp(-np.maximum(d.t - 10.0, 0.0) / 25.0) * np.sin(1.1 * d.t)
     samples, fixes = data(turned(d, angle), seed=70)
     return navigated(samples, fixes, vehicle="land")
+
+
+@golden("navigation")
+def slip_before_the_heading():
+    """The sensor slips by 40 degrees in its mount while the heading is sought: a level force of 6 m/s^2."""
+    samples, fixes = data(road(90.0, speed=3.0), seed=94)
+    slipped = Rotation.from_euler("x", 40.0, degrees=True)
+    k = seconds(samples) > 12.5
+    for name in ("w", "f"):
+        samples[name][k] = slipped.inv().apply(samples[name][k])
+    return navigated(samples, fixes)

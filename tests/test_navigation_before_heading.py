@@ -5,6 +5,7 @@ import pytest
 from in_c import in_c
 from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import Later, curvature, drive, errors, received, sensed
+from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.estimators.ins import ESTIMATOR
@@ -231,3 +232,22 @@ def test_an_even_ride_is_no_rest_twenty_seconds_after_the_first_fix(speed):
     assert (out["status"][: at(25.0)] & AT_REST).any()
     assert not (out["status"][at(45.0) :] & (AT_REST | REJECTING)).any()
     assert np.abs(normalised[at(45.0) :]).max() < 3.0
+
+
+def test_a_tilt_that_a_slip_makes_wrong_before_the_heading_is_stated():
+    """The sensor slips by 40 degrees in its mount under way: a level force of 6 m/s^2 is no acceleration of a car."""
+    d = drive(60.0, speed=3.0)
+    rng = np.random.default_rng(12)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.1)
+    fixes["speed"] = fixes["course"] = np.nan
+    slipped, at_s = Rotation.from_euler("x", 40.0, degrees=True), 12.5
+    for name in ("w", "f"):
+        samples[name][at(at_s) :] = slipped.inv().apply(samples[name][at(at_s) :])
+    out = navigate(samples, fixes)[0]
+    since = slice(at(at_s + 8.0), None)
+    down = np.array([0.0, 0.0, 1.0])
+    estimated = Rotation.from_quat(out["q_nb"][since][:, [1, 2, 3, 0]]).inv().apply(down)
+    right = (d.attitude[since] * slipped).inv().apply(down)
+    tilt = np.degrees(np.arccos(np.clip(np.sum(estimated * right, axis=1), -1.0, 1.0)))
+    assert (tilt < 4.0 * np.degrees(out["sigma_rpy"][since, :2]).max(axis=1)).all()
+    assert tilt[at(4.0) :].max() < 10.0

@@ -142,10 +142,10 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     """Fuse one fix at its epoch less the estimated time offset; returns the rows of innovations written.
 
     One that is older than the last one, or than the fusion horizon, is rejected, unless only a time offset beyond that
-    makes it so; one that comes twice is used once.
+    makes it so; one that comes twice is used once. reported: as the receiver gave it; s.fix has what is used of it.
     """
     c, fix = s.core[0], s.fix
-    if s.sample_count == 0 or not is_usable(reported) or is_same_fix(reported, fix):
+    if s.sample_count == 0 or not is_usable(reported) or is_same_fix(reported, fix, s.last_course):
         return 0
     s.course_repeats = s.course_repeats + 1 if reported.course == s.last_course else 0
     s.fix, s.last_course = reported, reported.course

@@ -70,7 +70,7 @@ TUNABLES = (
         "outlier_count",
         2,
         "fixes",
-        "Largest number of positions that may be outliers, and are no evidence of a fault that lasts.",
+        "Positions in a row, far from those that were rejected before, that may be outliers.",
         "Choice.",
     ),
     Tunable("reset_count", 5, "fixes", "Number of rejected fixes before the filter is reset to them.", "Choice."),

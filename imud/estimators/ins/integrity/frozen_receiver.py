@@ -101,10 +101,14 @@ def velocity_is_repeated(c: Core, fix: Fix) -> bool:
 
 
 @kernel
-def is_same_fix(fix: Fix, last: Fix) -> bool:
-    """Whether the fix is the last one again: its epoch, and all that it reports of position and velocity."""
+def is_same_fix(fix: Fix, last: Fix, last_course: float) -> bool:
+    """Whether the fix is the last one again: its epoch, and all that it reports of position and velocity.
+
+    last_course: rad, as that was reported.
+    """
     same = fix.t_ns == last.t_ns and fix.lat == last.lat and fix.lon == last.lon
     same = same and is_repeated(fix.height, last.height) and is_repeated(fix.speed, last.speed)
+    same = same and is_repeated(fix.course, last_course)
     for i in range(3):
         same = same and is_repeated(fix.v[i], last.v[i])
     return bool(same)

@@ -134,12 +134,10 @@ def test_an_overloaded_daemon_reports_it_and_catches_up_and_its_stream_misses_no
         assert numbers[-1] > seq
         assert numbers == list(range(numbers[0], numbers[-1] + 1))
         messages = re.findall(r"cannot keep up|keeps up again; \d+ samples lost, (\d+) batches", imud.log)
-        assert (
-            len(messages) >= 2
-        )  # how many batches are shed depends on the machine: messages that cost little never wait
-        assert all(
-            bool(shed) == i % 2 for i, shed in enumerate(messages)
-        )  # each in its turn; a busy machine adds others
+        # how many batches are shed depends on the machine: messages that cost little never wait
+        assert len(messages) >= 2
+        # each in its turn; a busy machine adds others
+        assert all(bool(shed) == i % 2 for i, shed in enumerate(messages))
         assert imud.log.count("again; 0 samples lost") == len(messages) // 2
 
 

@@ -269,7 +269,7 @@ _ATTITUDE_STEP = (
 _VARIANCE_FACTOR = (
     Tunable("correction_time_s", 10.0, "s", "Time over which corrections of the tilt are summed.", MIXED, low=0.1),
     Tunable("correction_memory_s", 120.0, "s", "Time over which squared sums are compared.", MIXED, low=1.0),
-    Tunable("correction_surprise", 3.0, "", "A sum counts at once over so many times its expectation.", MIXED, low=0.1),
+    Tunable("correction_gate", 3.0, "", "A sum counts at once over so many times its expectation.", MIXED, low=0.1),
 )
 
 _QUANTIZATION = (

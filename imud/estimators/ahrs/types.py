@@ -115,7 +115,7 @@ class Tuning:
     vehicle_time_s: float
     correction_time_s: float
     correction_memory_s: float
-    correction_surprise: float
+    correction_gate: float
     max_lsb_radps: float
     min_lsb_radps: float
     min_step_radps: float

@@ -72,7 +72,7 @@ def update_variance_factor(p: Parameters, s: State) -> None:
     if s.attitude_step.hand_held_s < c.hand_time_s or others <= 0.0:
         return
     ratio = (others + factor.squares) / (others + factor.expectations)
-    ratio = min(max(ratio, sum2 / (c.correction_surprise * others)), 1.0)
+    ratio = min(max(ratio, sum2 / (c.correction_gate * others)), 1.0)
     factor.tilt_scale[0] = (1.0 - (1.0 - ratio) * correctable0 / variance(s, ATTITUDE)) ** 0.5
     factor.tilt_scale[1] = (1.0 - (1.0 - ratio) * correctable1 / variance(s, ATTITUDE + 1)) ** 0.5
 

@@ -86,6 +86,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         "imud/estimators/ins/process_noise.py",
         "imud/estimators/ins/time_evidence.py",
         "imud/estimators/ins/boresights.py",
+        "imud/estimators/ins/integrity/position_jump.py",
         "imud/estimators/ins/integrity/reset_inflation.py",
         "imud/estimators/ins/alignment/force_integrals.py",
         "imud/estimators/ins/alignment/vector_pairs.py",

@@ -78,6 +78,7 @@ from .integrity import (
     frozen_receiver,
     gravity_monitor,
     heading_monitor,
+    position_jump,
     velocity_discrepancy,
     velocity_lag,
 )
@@ -140,6 +141,7 @@ TUNABLES = (
     *heading_monitor.TUNABLES,
     *gravity_monitor.TUNABLES,
     *alternating_receiver.TUNABLES,
+    *position_jump.TUNABLES,
     *frozen_receiver.TUNABLES,
     *gnss_drift.TUNABLES,
     *velocity_drift.TUNABLES,

@@ -129,7 +129,7 @@ def rejected_position(c: Core, axis: int) -> tuple[float, float]:
     if axis == 2:
         return 0.0, 0.0
     v, t = c.integrity.rejected_velocity[axis], 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-    return float((v * t) ** 2), float(v * v)
+    return float((v * t) ** 2 + c.integrity.rejected_position2[axis]), float(v * v)
 
 
 @kernel

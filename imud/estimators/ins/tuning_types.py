@@ -278,6 +278,8 @@ class Tuning:
     alternation_memory_s: float
     max_returns: float
     max_reject_share: float
+    jump_sigma: float
+    jump_probability: float
     frozen_min_m: float
     repeated_s: float
     max_held_course_speed: float

@@ -240,6 +240,7 @@ class Integrity:
     reject_offset: Reals
     reject_velocity: Reals
     rejected_velocity: Reals
+    rejected_position2: Reals
     rejected_inflation: float
     last_lat: float
     last_lon: float

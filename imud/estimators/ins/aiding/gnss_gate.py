@@ -28,6 +28,7 @@ from ..glr_tests.gnss_drift import (
 )
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.time_offset_step import reset_time_offset_step
+from ..integrity.alternating_receiver import reject_share
 from ..state import HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
 from .gnss_reset import (
     allow_for_wrong_velocity,
@@ -210,9 +211,11 @@ def ends_outage(p: Parameters, c: Core) -> bool:
 
 @kernel
 def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, nis: float) -> None:
-    """Store the velocity error that explains the rejected position, of this NIS: the estimate may be wrong instead.
+    """Store what the rejected position, of this NIS, says if the estimate is wrong instead of the receiver.
 
-    After an outage it is as likely to be, with all errors that have grown since: the stated P is as much larger.
+    That is the velocity error that explains it, and how far off it is: if rejected positions agree, one of the two
+    places is wrong, the estimate's with a probability that grows with their share. After an outage the estimate is as
+    likely to be wrong, with all errors that have grown since: the stated P is as much larger.
     """
     g = c.integrity
     most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))
@@ -220,6 +223,9 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
         g.rejected_velocity[i] = min(abs(bias_free_innovation(c, i)) / max(outage_s, 1e-3), most)
     if was_coasting(p, c, g.outage_at_reject_s):
         g.rejected_inflation = nis - 1.0
+    agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
+    for i in range(2):
+        g.rejected_position2[i] = (reject_share(c) if agree else 0.0) * bias_free_innovation(c, i) ** 2
 
 
 @kernel
@@ -229,6 +235,7 @@ def clear_rejection(c: Core) -> None:
     c.integrity.rejected_inflation = 0.0
     for i in range(2):
         c.integrity.rejected_velocity[i] = 0.0
+        c.integrity.rejected_position2[i] = 0.0
 
 
 @kernel

@@ -17,7 +17,8 @@ from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
 from ..fusion import NO_GATE, REJECT, correct_state, fix_update, write_innovation
 from ..glr_tests.gnss_drift import detect_drift
-from ..integrity.alternating_receiver import count_position
+from ..integrity.alternating_receiver import count_position, reject_share
+from ..integrity.position_jump import state_likely_jump
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
 from ..mechanization import bounded_cosine, wrap_angle
 from ..state import (
@@ -135,13 +136,18 @@ def max_nis(p: Parameters, c: Core, lever: Vector, extra: float, first: int, las
 
 
 @kernel
+def position_variances(c: Core, lever: Vector, extra: float) -> tuple[float, float]:
+    """Variances, m^2, of the innovations north and east; arguments: see `max_nis`."""
+    r = c.gnss.noise_var[HORIZONTAL] + extra
+    north = innovation_variance(c, position_jacobian(c, lever, 0)) + r
+    return float(north), float(innovation_variance(c, position_jacobian(c, lever, 1)) + r)
+
+
+@kernel
 def excess_variance(c: Core, lever: Vector, extra: float) -> float:
     """Most by which the square of a horizontal innovation exceeds its variance, m^2; arguments: see `max_nis`."""
-    most, z = 0.0, c.scratch.position_innovation
-    for i in range(2):
-        s = innovation_variance(c, position_jacobian(c, lever, i)) + c.gnss.noise_var[HORIZONTAL] + extra
-        most = max(most, z[i] ** 2 - s)
-    return most
+    z, s = c.scratch.position_innovation, position_variances(c, lever, extra)
+    return float(max(z[0] ** 2 - s[0], z[1] ** 2 - s[1], 0.0))
 
 
 @kernel
@@ -184,6 +190,9 @@ def fuse_gnss_position(p: Parameters, c: Core, fix: Fix, age: float, innovations
     after_rejects = c.integrity.reject_count[HORIZONTAL] > 0
     horizontal = gate_position(p, c, fix, 1.0 if receiver_share > 0.0 else nis)
     count_position(p, c, horizontal, after_rejects)
+    if horizontal:
+        least = reject_share(c) if after_rejects else 0.0
+        state_likely_jump(p, c, position_variances(c, lever, extra + receiver_share), least)
     height = horizontal and gate_height(p, c, max_nis(p, c, lever, extra, 2, 3))
     for i in range(3):
         if not math.isfinite(z[i]):

@@ -39,6 +39,13 @@ def count_position(p: Parameters, c: Core, used: bool, after_rejects: bool) -> N
 
 
 @kernel
+def reject_share(c: Core) -> float:
+    """Share of rejected positions of the last ones."""
+    g = c.integrity
+    return float(g.position_rejects / max(g.position_uses + g.position_rejects, 1e-9))
+
+
+@kernel
 def is_alternating(p: Parameters, c: Core) -> bool:
     """Whether the receiver's positions are so often elsewhere that nothing tells which are right."""
     g = c.integrity

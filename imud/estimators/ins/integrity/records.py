@@ -14,6 +14,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("reject_velocity", "<f8", (2,)),  # m/s, north and east, estimated then
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position
+        ("rejected_position2", "<f8", (2,)),  # m^2, of the position, if it is wrong instead of rejected ones
         ("rejected_inflation", "<f8"),  # NIS of positions rejected after an outage, less 1
         ("last_lat", "<f8"),  # rad, position of the last fix
         ("last_lon", "<f8"),
@@ -27,7 +28,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("epochs", "<i8"),  # REPORTED_EPOCHS, UNCONFIRMED_EPOCHS or EXACT_EPOCHS
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected
         ("velocity_reject_ns", "<i8"),  # the first of them
-        ("position_inflation", "<f8", (3,)),  # m^2, beyond P: how far fixes were that the filter was reset to, fading
+        ("position_inflation", "<f8", (3,)),  # m^2, beyond P: how far off fixes were that were used, fading
         ("velocity_inflation", "<f8", (2,)),  # m^2/s^2, how fast they drifted away before, fading
         ("reset_score", "<f8"),  # resets to contradicting fixes, fading
         ("position_ns", "<i8"),  # when a position was last used or rejected

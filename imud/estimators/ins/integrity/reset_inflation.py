@@ -1,4 +1,4 @@
-"""The variance that the solution states beyond P after a reset to fixes that contradicted the estimate.
+"""The variance that the solution states beyond P after fixes that contradicted the estimate were used.
 
 Either the estimate or the receiver was wrong. If it was the receiver, whose positions drifted away before the reset,
 its drift goes on, and the estimate follows it: the inflation of the velocity adds to that of the position. Both decay
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 def inflate_position(c: Core, axis: int, variance: float) -> None:
     """Add `variance` (m^2) to the position inflation along an axis (0 north, 1 east, 2 down)."""
     c.integrity.position_inflation[axis] += variance
+
+
+@kernel
+def inflate_position_to(c: Core, axis: int, variance: float) -> None:
+    """Make the position inflation along an axis at least `variance`, m^2."""
+    c.integrity.position_inflation[axis] = max(c.integrity.position_inflation[axis], variance)
 
 
 @kernel

@@ -20,6 +20,9 @@ Then the error of the estimate shrinks by the share dR / I only, while both add 
 is the variance of the error; with dR = dI it is that of P. What P has less than S, times v^2 and a^2, is added to the
 stated variances of position and velocity; P does not have it, as its gains would then follow the noise.
 
+S begins with the variance of P, or of a lag that no epoch says if that is more: a receiver may average its positions.
+P begins with less, since nearly all receivers do not, and headings would be found later.
+
 Source: Van Trees, Detection, estimation, and modulation theory I (1968), sec. 2.4: the bound by the information; Gelb,
 Applied Optimal Estimation (1974), sec. 7.2: the error variance of a filter whose model is wrong.
 """
@@ -31,13 +34,22 @@ from typing import TYPE_CHECKING
 from ...compile.jit import kernel
 from ..tuning import Tunable
 from .ekf import variance
-from .state import COARSE_ALIGNMENT, EXACT_EPOCHS, TIME_OFFSET, VELOCITY_NOISE
+from .state import COARSE_ALIGNMENT, EXACT_EPOCHS, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY_NOISE
 
 if TYPE_CHECKING:
     from .types import Core, Parameters, Transition
 
 
-TUNABLES = (Tunable("jerk_window_s", 0.5, "s", "Time over which an acceleration is averaged.", "Choice."),)
+TUNABLES = (
+    Tunable("jerk_window_s", 0.5, "s", "Time over which an acceleration is averaged.", "Choice."),
+    Tunable(
+        "unknown_lag_sigma",
+        0.2,
+        "s",
+        "Sigma of the lag of a receiver's positions behind its epochs.",
+        "Receivers that average over half a second or a second.",
+    ),
+)
 
 
 @kernel
@@ -78,7 +90,9 @@ def measure_time_evidence(p: Parameters, c: Core, transition: Transition) -> Non
     """After an interval of the covariance: the time offset's variance by what the acceleration has shown until then."""
     g, known = c.time_evidence, 1.0 / max(variance(c, TIME_OFFSET), 1e-12)
     if g.information == 0.0 or c.alignment.mode == COARSE_ALIGNMENT:
-        g.information, g.error_variance, g.largest_variance, g.shown = known, 1.0 / known, 1.0 / known, 0.0
+        lag = p.tuning.unknown_lag_sigma if c.integrity.epochs == REPORTED_EPOCHS else 0.0
+        g.information, g.largest_variance, g.shown = known, 1.0 / known, 0.0
+        g.error_variance = max(1.0 / known, lag * lag)
     for i in range(3):
         g.velocity_change[i] += transition.delta_v[i]
     g.velocity_variance += transition.velocity_psd * transition.interval

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from attitude_simulation import Flaws, after, measure, simulate, wobble
+from in_c import in_c
 from navigation_runner import samples_of
 from navigation_simulation import drive, received, sensed
 from replay_in_process import new_filter
@@ -17,8 +18,9 @@ from imud.batch import NO_MEASUREMENT, play
 from imud.configuration.settings import Imu, Navigation, Settings
 from imud.drivers.sample import MOUNTING_UNKNOWN
 from imud.estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
+from imud.estimators.ins.solution import write_solution
 from imud.estimators.ins.state import STATES as ERROR_STATES
-from imud.estimators.records import FIX
+from imud.estimators.records import FIX, SOLUTION
 from imud.filter_state_names import COVARIANCES, STATES
 from imud.math.kalman import unpack
 from imud.sensor_errors.mounting_error import set_covariance
@@ -144,14 +146,19 @@ def test_the_sigma_of_a_mounting_is_in_the_covariance(driven):
 def test_what_likely_faults_add_to_a_stated_sigma_is_in_the_covariance(driven):
     filter_, _, _ = driven
     plain = matrix(filter_.filter_states()[0])
-    added = np.zeros((9, 9))
-    state = filter_.state.copy()
-    core = state["core"][0, 0]
-    for k, fault in enumerate(("gyro_bias_step", "velocity_drift", "compass_offset"), 1):
+    state, p = filter_.state.copy(), filter_.parameters[0]
+    core, solution = state["core"][0, 0], np.zeros(1, SOLUTION)
+    for k, fault in enumerate(("gyro_bias_step", "velocity_drift", "compass_offset", "current"), 1):
         core[fault]["heading_variance"] += 1e-3 * k
-    core["scratch"]["stated_variances"][1] += 4.0
-    added[1, 1], added[8, 8] = 4.0, 6e-3
-    assert matrix(filter_.estimator.filter_states(state)[0]) == pytest.approx(plain + added, rel=1e-12)
+    core["rest_gap"]["turn2"] += 5e-3
+    core["integrity"]["position_inflation"][1] += 4.0
+    in_c(write_solution)(p, core, solution[0])
+    stated = matrix(filter_.estimator.filter_states(state)[0])
+    added = np.zeros((9, 9))
+    added[1, 1], added[8, 8] = 4.0, 15e-3
+    assert stated == pytest.approx(plain + added, rel=1e-12)
+    assert solution["sigma_p"][0] ** 2 == pytest.approx(np.diag(stated)[:3])
+    assert solution["sigma_rpy"][0, 2] ** 2 == pytest.approx(stated[8, 8], rel=0.01)
 
 
 def test_a_source_that_is_not_there_has_no_column(driven):

@@ -41,6 +41,7 @@ from .state import (
     JACOBIAN_LENGTH,
     LEARNING_STATES,
     SNAPSHOTS,
+    STATED,
     STATES,
     STEP_INNOVATIONS,
 )
@@ -265,10 +266,14 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("drift", "<f8", (2,)),  # m, what the positions may have drifted until the fix that is fused
         ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
         ("discrepancy_onset_ns", "<i8"),
-        ("stated_variances", "<f8", (12,)),  # of the last solution: position, velocity, gyro bias, accelerometer bias
+        (
+            "stated_variances",
+            "<f8",
+            (STATED,),
+        ),  # of the last solution: with what P does not have
         ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
         ("exponentials", "<f8", (EXPONENTIALS,)),
-        ("stated_sigmas", "<f8", (12,)),  # and their square roots, which most samples need again
+        ("stated_sigmas", "<f8", (STATED,)),  # and their square roots, which most samples need again
     ],
     align=True,
 )

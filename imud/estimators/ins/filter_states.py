@@ -56,14 +56,7 @@ _IN_P = in_triangle(STATES)
 _DIAGONAL = np.diag(_IN_P)
 _ROWS, _COLUMNS = np.triu_indices(LEARNING_STATES)  # of the packed block of position, velocity and attitude
 _PACKED_MOTION = _IN_P[_ROWS, _COLUMNS]
-_STATED = np.flatnonzero((_ROWS == _COLUMNS) & (_ROWS < ATTITUDE))  # variances of position and velocity
-_HEADING = len(_ROWS) - 1
-_HEADING_FAULTS = (
-    "gyro_bias_step",
-    "velocity_drift",
-    "compass_offset",
-    "current",
-)  # as in `solution`
+_VARIANCES = np.flatnonzero(_ROWS == _COLUMNS)
 
 
 def attitude(state: Records) -> Floats:
@@ -94,9 +87,8 @@ def filter_states(state: Records) -> Records:
 def _covariance(c: np.void, P: Floats) -> Floats:
     """That of position, velocity and attitude, with what the solution's sigmas have beyond P on its diagonal."""
     packed: Floats = P[_PACKED_MOTION]
-    stated = c["scratch"]["stated_variances"][:ATTITUDE]
-    packed[_STATED] = np.maximum(packed[_STATED], stated)  # P has changed if there was a fix since the newest solution
-    packed[_HEADING] += sum(float(c[fault]["heading_variance"]) for fault in _HEADING_FAULTS)
+    stated = c["scratch"]["stated_variances"][:LEARNING_STATES]  # P is newer if there was a fix since then
+    packed[_VARIANCES] = np.maximum(packed[_VARIANCES], stated)
     if c["gnss"]["fix_count"] == 0:
         packed[_ROWS < ATTITUDE] = math.nan
     return packed

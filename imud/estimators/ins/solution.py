@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
-from ...math.kalman import packed_index
 from ...math.rotation import euler_variances
 from ..records import (
     AT_REST,
@@ -29,7 +28,7 @@ from .state import (
     NAVIGATING,
     NEVER_NS,
     POSITION,
-    STATES,
+    STATED,
     TIME_OFFSET,
     VELOCITY,
 )
@@ -156,8 +155,18 @@ def added_by_lever_arm(c: Core, i: int) -> float:
 
 
 @kernel
-def state_sigmas(p: Parameters, c: Core) -> None:
-    """scratch.stated_sigmas <- those of position, velocity and biases; P changes only with every twentieth sample."""
+def added_by_time_offset(c: Core, i: int) -> float:
+    """What a time offset that is less known than P says adds to the stated variance of an error state."""
+    missing = c.time_evidence.missing_variance
+    return float(missing * (covariance(c, i, TIME_OFFSET) / variance(c, TIME_OFFSET)) ** 2) if missing > 0.0 else 0.0
+
+
+@kernel
+def state_variances(p: Parameters, c: Core) -> None:
+    """scratch.stated_variances <- those of P and what is beyond it, of position, velocity, attitude and biases.
+
+    scratch.stated_sigmas <- their square roots; but for the attitude P changes only with every twentieth sample.
+    """
     stated, inflation = c.scratch.stated_variances, 1.0 + c.integrity.rejected_inflation
     changed = False
     for i in range(3):
@@ -175,11 +184,21 @@ def state_sigmas(p: Parameters, c: Core) -> None:
         p2 = inflation * max(variance(c, POSITION + i), 0.0) + added_p
         v2 = inflation * max(variance(c, VELOCITY + i), 0.0) + added_v
         bg, ba = max(variance(c, GYRO_BIAS + i), 0.0), max(variance(c, ACCEL_BIAS + i), 0.0)
-        changed |= (p2 != stated[i]) | (v2 != stated[3 + i]) | (bg != stated[6 + i]) | (ba != stated[9 + i])
-        stated[i], stated[3 + i], stated[6 + i], stated[9 + i] = p2, v2, bg, ba
+        changed |= (p2 != stated[POSITION + i]) | (v2 != stated[VELOCITY + i])
+        changed |= (bg != stated[GYRO_BIAS + i]) | (ba != stated[ACCEL_BIAS + i])
+        stated[POSITION + i], stated[VELOCITY + i], stated[GYRO_BIAS + i], stated[ACCEL_BIAS + i] = p2, v2, bg, ba
+        stated[ATTITUDE + i] = inflation * variance(c, ATTITUDE + i) + added_by_time_offset(c, ATTITUDE + i)
+    stated[ATTITUDE + 2] += (
+        c.gyro_bias_step.heading_variance
+        + c.velocity_drift.heading_variance
+        + c.compass_offset.heading_variance
+        + c.current.heading_variance
+        + c.rest_gap.turn2
+        + added_by_lever_arm(c, ATTITUDE + 2)
+    )
     if changed:
-        for i in range(12):
-            c.scratch.stated_sigmas[i] = math.sqrt(stated[i])
+        for i in range(STATED):
+            c.scratch.stated_sigmas[i] = math.sqrt(max(stated[i], 0.0))
 
 
 @kernel
@@ -198,27 +217,21 @@ def write_solution(p: Parameters, c: Core, o: Solution) -> None:
         o.f[i] = c.imu.f[i] - c.nav.ba[i]
         o.bg[i] = c.nav.bg[i]
         o.ba[i] = c.nav.ba[i]
-    state_sigmas(p, c)
-    sigmas = c.scratch.stated_sigmas
+    state_variances(p, c)
+    sigmas, stated = c.scratch.stated_sigmas, c.scratch.stated_variances
     for i in range(3):
-        o.sigma_p[i] = sigmas[i] if known else math.nan
-        o.sigma_v[i] = sigmas[3 + i] if known else math.nan
-        o.sigma_bg[i], o.sigma_ba[i] = sigmas[6 + i], sigmas[9 + i]
+        o.sigma_p[i] = sigmas[POSITION + i] if known else math.nan
+        o.sigma_v[i] = sigmas[VELOCITY + i] if known else math.nan
+        o.sigma_bg[i], o.sigma_ba[i] = sigmas[GYRO_BIAS + i], sigmas[ACCEL_BIAS + i]
     a, inflation = ATTITUDE, 1.0 + c.integrity.rejected_inflation
     rpy = euler_variances(
         (c.nav.q_nb[0], c.nav.q_nb[1], c.nav.q_nb[2], c.nav.q_nb[3]),
-        inflation * c.cov.P[packed_index(STATES, a, a)],
-        inflation * c.cov.P[packed_index(STATES, a, a + 1)],
-        inflation * c.cov.P[packed_index(STATES, a, a + 2)],
-        inflation * c.cov.P[packed_index(STATES, a + 1, a + 1)],
-        inflation * c.cov.P[packed_index(STATES, a + 1, a + 2)],
-        inflation * c.cov.P[packed_index(STATES, a + 2, a + 2)]
-        + c.gyro_bias_step.heading_variance
-        + c.velocity_drift.heading_variance
-        + c.compass_offset.heading_variance
-        + c.current.heading_variance
-        + c.rest_gap.turn2
-        + added_by_lever_arm(c, ATTITUDE + 2),
+        stated[a],
+        inflation * covariance(c, a, a + 1),
+        inflation * covariance(c, a, a + 2),
+        stated[a + 1],
+        inflation * covariance(c, a + 1, a + 2),
+        stated[a + 2],
     )
     for i in range(3):
         o.sigma_rpy[i] = math.sqrt(max(rpy[i], 0.0))

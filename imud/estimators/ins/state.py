@@ -60,6 +60,7 @@ LEVER_ARM_FAULT = VELOCITY_DRIFT_FAULT  # where there are no wheels
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 AGES, NO_AGE, AGE_STEP_NS = 21, 5, 100_000_000  # ages of a source: -0.5 to 1.5 s; which of them is none
 BANKS = 32  # fixes of which the hypothesis bank is kept
+STATED = 15  # error states whose sigmas every solution has: position, velocity, attitude and the IMU's biases
 LEARNING_STATES = 9  # of the filter that learns process noise: position, velocity, attitude
 EXPONENTIALS = 4  # remembered: decays of the receiver's two biases, process noise of velocity and attitude
 JACOBIAN_LENGTH = 13  # most nonzero elements of a row of H

@@ -113,6 +113,14 @@ def test_the_record_is_in_si_units():
     assert np.isnan(record(FIX._replace(sigma_n_m=0.0, sigma_e_m=0.0), 0, 0)["sigma"]).all()  # as GST of some
 
 
+def test_an_accuracy_that_no_receiver_has_is_not_known():
+    """A stated sigma of a nanometre made the position wrong and sure, and then lost."""
+    row = record(FIX._replace(sigma_n_m=1e-9, sigma_e_m=2e-4, sigma_d_m=2e-3, hdop=1e-4), 0, 0)[0]
+    assert np.isnan(row["sigma"][:2]).all() and row["sigma"][2] == 2e-3
+    assert np.isnan(row["hdop"])
+    assert record(FIX._replace(hdop=0.4), 0, 0)["hdop"] == 0.4
+
+
 @pytest.mark.parametrize(
     ("lat", "lon", "sigma_m"),  # a minute of latitude is 1853.25 m; evenly distributed over a step: step / sqrt(12)
     [

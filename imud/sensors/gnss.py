@@ -17,11 +17,17 @@ from ..math.arrays import Records
 
 DEGREE_M = 111_195.0  # of latitude
 HEIGHT_MAX_M, SPEED_MAX_MPS = 1e6, 1e4  # beyond them no fix can be right
+LEAST_HDOP = 0.2  # of a hundred satellites, all on the horizon: 2 / sqrt(n)
+LEAST_SIGMA_M = 1e-3  # 1 sigma; none that measures while it moves knows its position better
 COARSE_M = 3.0  # 1 sigma of the rounding of a position from which on it counts: two decimals of a minute or fewer
 
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def _known(value: float | None, least: float) -> float:
+    return math.nan if value is None or value < least else value
 
 
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
@@ -92,12 +98,14 @@ def refusals(fixes: Records, settings: Gnss) -> list[Refusal | None]:
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     """The fix as an array of one FIX. Without a geoid separation the height above sea level must do.
 
+    A dilution or sigma that none can have is one that the receiver does not know, as 0 is.
+
     The height of a two-dimensional fix is an old one that the receiver holds, or a guess: it counts as unknown.
     """
     height = fix.height_m if fix.height_m is not None else fix.alt_msl_m
     if fix.dimensions == 2:
         height = None
-    sigma = [sigma or math.nan for sigma in (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)]  # 0: not known
+    sigma = [_known(sigma, LEAST_SIGMA_M) for sigma in (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)]
     rounding_m = fix.step_deg * DEGREE_M / math.sqrt(12.0)  # 1 sigma of an error that is evenly distributed
     if rounding_m > COARSE_M:
         sigma[:2] = [math.hypot(stated or 0.0, rounding_m) for stated in (fix.sigma_n_m, fix.sigma_e_m)]
@@ -109,7 +117,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
         math.radians(fix.lon_deg),
         _or_nan(height),
         sigma,
-        _or_nan(fix.hdop),
+        _known(fix.hdop, LEAST_HDOP),
         [_or_nan(component) for component in fix.velocity_mps] if fix.velocity_mps else math.nan,
         _or_nan(fix.speed_mps),
         math.radians(_or_nan(fix.course_deg)),

@@ -180,6 +180,75 @@ def test_a_counter_that_jumps_ahead_is_corrected_at_once():
     assert clock["corrections"][0] == 1
 
 
+def repeated(ticks, times):
+    """Index of each sample that arrives where some are repeated, and nothing counts that."""
+    return np.repeat(ticks, 1 + times)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+@pytest.mark.parametrize("batch_ns", [1e6, 4e6, 16e6])
+@pytest.mark.parametrize("times", [1, 3, 10, 30, 200])
+def test_samples_repeated_at_once_move_the_stamps_by_a_few_milliseconds(rate_hz, batch_ns, times):
+    """Ten were enough for stamps that ran away for good."""
+    n, at = 120 * rate_hz, 40 * rate_hz
+    truth = 10**15 + np.arange(n) * 1e9 / rate_hz * (1.0 - 3e-4)
+    arrivals = delayed(truth + np.random.default_rng(3).exponential(0.1e6, n), "batches", batch_ns, None)
+    k = repeated(np.arange(n), times * (np.arange(n) == at))
+    t, _ = stamps(np.arange(len(k)), arrivals[k], clock=new_clock(1e9 / rate_hz, 0.0))
+    error = (t - truth[k])[10 * rate_hz :]
+    at -= 10 * rate_hz
+    latest = 0.1 * times * 1e9 / rate_hz  # of the repeated ones: stamps do not step back
+    assert error[:at].max() < 4.1e6 and error.min() > -9e6
+    assert error.max() < 20e6 + latest
+    assert error[at + times + 3 * rate_hz :].max() < 4.1e6
+    assert np.all(np.diff(t) > 0)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.05, 0.3])
+def test_a_flood_of_repeated_samples_is_over_soon_after_its_end(rate_hz, share):
+    n = 200 * rate_hz
+    rng = np.random.default_rng(5)
+    truth = 10**15 + np.arange(n) * 1e9 / rate_hz * (1.0 - 3e-4)
+    flooded = (np.arange(n) > 40 * rate_hz) & (np.arange(n) < 50 * rate_hz)
+    k = repeated(np.arange(n), flooded & (rng.random(n) < share))
+    arrivals = np.maximum.accumulate(truth + rng.exponential(0.1e6, n))
+    t, _ = stamps(np.arange(len(k)), arrivals[k], clock=new_clock(1e9 / rate_hz, 0.0))
+    error, since_s = t - truth[k], (truth[k] - truth[0]) / 1e9
+    assert error.max() < 35e6 and error.min() > -0.2e9
+    assert np.abs(error[since_s > 70]).max() < 25e6
+    assert np.abs(error[since_s > 150]).max() < 1.5e6
+
+
+@pytest.mark.parametrize("rate_hz", [100, 1000])
+@pytest.mark.parametrize("ahead_ns", [10e6, 15e6, 30e6, 200e6])
+def test_a_counter_that_jumps_ahead_by_little_does_not_tilt_the_line(rate_hz, ahead_ns):
+    n, at = 100 * rate_hz, 40 * rate_hz
+    truth = 10**15 + np.arange(n) * 1e9 / rate_hz
+    arrivals = np.maximum.accumulate(truth + np.random.default_rng(5).exponential(0.1e6, n))
+    ticks = np.arange(n) + round(ahead_ns * 1e-9 * rate_hz) * (np.arange(n) >= at)
+    t, _ = stamps(ticks, arrivals, clock=new_clock(1e9 / rate_hz, 0.0))
+    assert np.abs(t - truth)[: at - 1].max() < 0.2e6
+    assert np.abs(t - truth).max() < 15e6
+    assert np.abs(t - truth)[at + rate_hz :].max() < 4e6
+
+
+def test_a_line_that_is_late_until_now_is_lowered_at_once():
+    ticks, truth, arrivals = device(60_000, 3e-5, jitter_ns=1e5)
+    t, clock = stamps(ticks, np.maximum.accumulate(arrivals + 12e6 * (ticks < 40_000)))
+    assert np.abs(t - truth)[41_000:].max() < 0.5e6
+    assert clock["slope"][0] / PERIOD_NS - 1.0 == pytest.approx(3e-5, abs=1e-5)
+
+
+def test_a_device_that_keeps_another_rate_than_before_is_measured_anew():
+    n = 150_000
+    truth = 10**15 + np.cumsum(np.where(np.arange(n) < 40_000, 1e6, 1.001e6))  # 1000 ppm slower, from one to the next
+    t, clock = stamps(np.arange(n), np.maximum.accumulate(truth + np.random.default_rng(5).exponential(0.1e6, n)))
+    assert np.abs(t - truth).max() < 25e6
+    assert np.abs(t - truth)[110_000:].max() < 0.5e6
+    assert clock["slope"][0] / PERIOD_NS - 1.0 == pytest.approx(1e-3, abs=1e-5)
+
+
 def test_a_late_start_is_made_good_in_a_moment():
     ticks, truth, arrivals = device(5_000, jitter_ns=1e4)
     arrivals[:400] = truth[400]  # what had waited

@@ -15,18 +15,26 @@ from test_navigation_barometer import pressures
 from test_navigation_odometer import readings
 
 from imud.batch import NO_MEASUREMENT, play
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Navigation, Settings
-from imud.drivers.sample import MOUNTING_UNKNOWN
+from imud.drivers.sample import MOUNTING_UNKNOWN, UNCONFIRMED_RATE
+from imud.estimators.ahrs.solution import write_solution
 from imud.estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
 from imud.estimators.ins.solution import write_solution
 from imud.estimators.ins.state import STATES as ERROR_STATES
 from imud.estimators.records import FIX, SOLUTION
 from imud.filter_state_names import COVARIANCES, STATES
 from imud.math.kalman import unpack
+from imud.math.rotation import UNKNOWN_ANGLE
 from imud.sensor_errors.mounting_error import set_covariance
 from imud.tables.filter_states import FilterStates, write_states
 
 MOUNT = Rotation.from_euler("ZYX", [20.0, -6.0, 0.0], degrees=True)  # of the vehicle in the body: yaw, pitch
+
+
+def record(rows):
+    """The one row, as kernels see it."""
+    return rows.view(np.recarray)[0]
 
 
 @pytest.fixture(scope="module")
@@ -118,12 +126,31 @@ def test_the_attitude_filter_finds_its_sensors_errors_and_states_its_covariance(
     stated = np.diag(J @ P[6:, 6:] @ J.T)[:2]
     assert np.sqrt(stated) == pytest.approx(newest["sigma_rpy"][:2], rel=0.02)
     s = filter_.state[0]
-    s["clipping"]["missing_angle"], s["hypotheses"]["possible_tilt_error"] = 0.3, 0.4
-    s["attitude_step"]["possible_tilt_error"] = s["motion"]["hidden_tilt"] = 0.0
+    s["cov"]["unseen_tilt"], s["cov"]["unseen_yaw"] = 0.5, 0.3
     s["variance_factor"]["tilt_scale"] = 0.5, 0.8
     scales = np.outer([0.5, 0.8, 1.0], [0.5, 0.8, 1.0])
     block = scales * unpack(s["cov"]["P"], 28)[:3, :3] + np.diag([0.25, 0.25, 0.09])
     assert matrix(filter_.filter_states()[0])[6:, 6:] == pytest.approx(block, rel=1e-12)
+
+
+@pytest.mark.parametrize("flag", [0, UNCONFIRMED_RATE])
+def test_what_the_attitude_filter_adds_to_its_stated_sigmas_is_in_the_covariance(flag):
+    """Also while the unit of the rates is not confirmed: then nothing is known of the attitude."""
+    truth = simulate(10.0, 100.0, after(20.0, wobble(3, 0.9)))
+    w, f = measure(truth, Flaws(), np.random.default_rng(8))
+    samples = samples_of(100.0 + truth.t, w, f)
+    filter_ = new_filter("attitude", samples, Settings(imu=Imu(profile="consumer-mems")))
+    out = record(np.zeros(1, SOLUTION))
+    filter_.run(samples, np.zeros(len(samples), SOLUTION))
+    s = filter_.state[0]
+    s["clipping"]["missing_angle"], s["hypotheses"]["possible_tilt_error"] = 0.1, 0.2
+    s["attitude_step"]["possible_tilt_error"], s["motion"]["hidden_tilt"] = 0.3, 0.1
+    s["stationarity"]["hidden_tilt"] = 0.2
+    interpreted(write_solution)(record(filter_.parameters), record(filter_.state), flag, out)
+    P, J = matrix(filter_.filter_states()[0])[6:, 6:], jacobian(out.q_nb)
+    assert np.sqrt(np.diag(J @ P @ J.T))[:2] == pytest.approx(out.sigma_rpy[:2], rel=0.05)
+    assert out.sigma_rpy[0] == pytest.approx(UNKNOWN_ANGLE if flag else math.sqrt(0.19), rel=0.05)
+    assert np.linalg.eigvalsh(P).min() > 0.0
 
 
 def test_the_sigma_of_a_mounting_is_in_the_covariance(driven):

@@ -57,6 +57,14 @@ def test_a_velocity_in_wrong_units_is_found_within_a_few_hundred_metres(seed, fa
     assert stated == pytest.approx(factor, rel=0.03)
 
 
+def test_so_is_one_that_comes_with_every_second_fix_only():
+    rows = fixes(1, 1.852)
+    rows["speed"][1::2] = rows["course"][1::2] = math.nan
+    wrong, frozen, fault = judged(rows)
+    assert wrong[60:].all() and not frozen.any()
+    assert "km/h in place of knots" in fault
+
+
 @pytest.mark.parametrize("sigma", [1.0, 5.0])
 @pytest.mark.parametrize("every", [0.2, 1.0])
 @pytest.mark.parametrize("seed", range(5))

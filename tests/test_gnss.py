@@ -19,7 +19,7 @@ from imud.errors import BadDataError, ConfigError
 from imud.estimators.records import NEW_RECEIVER
 from imud.outputs.gpsd_json import Report
 from imud.outputs.view import View
-from imud.sensors.gnss import record, refusal
+from imud.sensors.gnss import record, refusal, refusals
 from imud.sensors.readings import ReceiverReport
 from imud.sensors.receiver import Receiver
 from imud.setup.config import load
@@ -111,6 +111,25 @@ def test_the_record_is_in_si_units():
     assert all(math.isnan(v) for v in row["v"])
     assert record(FIX._replace(satellites=None), 0, 0)["satellites"][0] == -1
     assert np.isnan(record(FIX._replace(sigma_n_m=0.0, sigma_e_m=0.0), 0, 0)["sigma"]).all()  # as GST of some
+
+
+def test_a_position_that_may_be_anywhere_is_none():
+    """A u-blox states 4295 km where it has none; of such variances the filter's covariance kept no digit."""
+    assert refusal(FIX._replace(sigma_n_m=4294967.295, sigma_e_m=4294967.295), Gnss()).rule == "unknown accuracy"
+    assert refusal(FIX._replace(sigma_n_m=5e3, sigma_e_m=5e3, sigma_d_m=4294967.295), Gnss()) is None
+    row = record(FIX._replace(sigma_n_m=5.0, sigma_e_m=5.0, sigma_d_m=4294967.295), 0, 0)
+    assert np.isnan(row["height"]) and np.isnan(row["sigma"][0, 2]) and row["sigma"][0, 0] == 5.0
+    rows = np.concatenate([row, row])
+    rows["sigma"][1, 0] = 2e4
+    assert [why and why.rule for why in refusals(rows, Gnss())] == [None, "unknown accuracy"]
+
+
+def test_an_accuracy_that_no_receiver_has_is_not_known():
+    """A stated sigma of a nanometre made the position wrong and sure, and then lost."""
+    row = record(FIX._replace(sigma_n_m=1e-9, sigma_e_m=2e-4, sigma_d_m=2e-3, hdop=1e-4), 0, 0)[0]
+    assert np.isnan(row["sigma"][:2]).all() and row["sigma"][2] == 2e-3
+    assert np.isnan(row["hdop"])
+    assert record(FIX._replace(hdop=0.4), 0, 0)["hdop"] == 0.4
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,24 @@ def test_cgps_shows_no_fix_without_a_receiver(attitude_server):
     assert not re.search(r"\d\.\d+ N ", shown)
 
 
+def test_gpsmon_shows_the_position(server):
+    """It watches the raw stream, and nothing else."""
+    with terminal(program("gpsmon"), server) as screen:
+        until(
+            lambda: "NMEA0183>" in screen() and re.search(r"Latitude: +\d+\.\d+ N", screen()), "RMC on gpsmon's screen"
+        )
+        shown = screen()
+    lat = re.search(r"Latitude: +(\d\d)(\d+\.\d+) N", shown)
+    lon = re.search(r"Longitude: *(\d+)(\d\d\.\d+) E", shown)
+    assert on_the_circle(*(int(degrees) + float(minutes) / 60 for degrees, minutes in (lat.groups(), lon.groups())))
+
+
+def test_gpspipe_prints_nmea_as_raw(server):
+    lines = run(program("gpspipe"), "-R", "-n", "9", server).splitlines()
+    assert json.loads(lines[2])["raw"] == 2
+    assert [text[:6] for text in lines[3:6]] == ["$GPGGA", "$GPVTG", "$GPHDT"]
+
+
 def test_gpxlogger_writes_a_track(server, tmp_path):
     file = tmp_path / "track.gpx"
     with subprocess.Popen([program("gpxlogger"), "-i", "1", "-f", str(file), server]) as process:

@@ -85,7 +85,8 @@ def watched(*arguments: bytes) -> Policy:
         ([b'{"enable":true}'], False),
         ([b'{"json":true}'], True),
         ([b'{"enable":true,"json":true}'], True),
-        ([b'{"raw":2,"pps":true}'], False),
+        ([b'{"raw":2,"pps":true}'], True),  # gpsmon
+        ([b'{"raw":2}', b'{"raw":0}'], False),
         ([b'{"json":true}', b'{"enable":false}'], False),
         ([b'{"json":true}', b'{"enable":false}', b"{}"], True),  # json is remembered, enable means true
         ([b'{"json":true}', b'{"json":false}'], False),

@@ -19,12 +19,15 @@ from recorded import stored
 from imud.configuration.settings import Aiding, Gnss, Initial, Settings
 from imud.drivers.dialogue import Exchange
 from imud.drivers.driver import Options
+from imud.drivers.fix import Reading
 from imud.drivers.nmea.decoder import NmeaDecoder
 from imud.drivers.nmea.driver import RECEIVER, SENSOR, Nmea
 from imud.estimators import registry
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Handlers, Player
 from imud.recording.source import Recording, adapter
+from imud.sensors.aiding import NamedMeasurement
+from imud.sensors.nmea_aiding import measured_of
 from imud.sensors.receiver import Receiver
 from imud.tables.nmea_readings import readings_of_log
 
@@ -104,6 +107,20 @@ def test_a_coarse_last_digit_is_the_sigma():
     assert heights[0]["value"][0, 0] == pytest.approx(0.0, abs=1e-6)
     assert heights[1]["value"][0, 0] - heights[0]["value"][0, 0] == pytest.approx(25 * 0.0832, rel=2e-3)
     assert heights[1]["sigma"][0, 0] == pytest.approx(100 * 0.0832, rel=3e-3)
+
+
+@pytest.mark.parametrize("body", ["YXXDR,P,1.2,B,STNP", "YXXDR,P,1.299,B,STNP", "YXXDR,P,19001,P,STNP"])
+def test_a_pressure_that_no_barometer_of_use_reports_is_left_out(body):
+    """Of one decimal of a bar, or of heights that the source does not take."""
+    receiver = Receiver(Nmea(), Gnss(), 0)
+    receiver.feed(line(body), SECOND)
+    assert [each.row(SOURCES) for each in receiver.measured] == [None]
+
+
+def test_a_heading_without_any_accuracy_is_left_out():
+    heading = Reading("heading", SECOND, 1.0, 90.0, 400.0)
+    source, values = measured_of(heading, Gnss(), Aiding())
+    assert NamedMeasurement(source, values, SECOND, SECOND).row(SOURCES) is None
 
 
 def test_speeds_and_pressures_are_of_their_arrival_and_a_water_speed_needs_to_know_the_current():

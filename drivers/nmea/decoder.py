@@ -1,36 +1,43 @@
 """From sentences to fixes: the sentences of one burst are one epoch, and give one fix.
 
-A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has (VTG carries
-no time). Which kind of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is
-ready when the next burst begins, or when the line has been silent. GST and ZDA alone make no epoch: in some receivers
-their time is ahead.
+A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has. Which kind
+of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is ready when the next burst
+begins, or when the line has been silent. A kind that others follow now and then (RMC once a second, GGA ten times) is
+no such ending. GST and ZDA alone make no epoch: in some receivers their time is ahead. VTG, without a time, makes none
+either: it is of the burst that is nearer to it.
 """
 
 import math
 from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
-from .content import READERS, Content, GgaGns, GsaMode, RmcGllGroup
-from .epochs import Epoch, contradictory, same_time
+from .accuracy import StatedAccuracy
+from .content import READERS, Content, GgaGns, GsaMode, RmcGllGroup, Vtg
+from .epochs import DAY_NS, Epoch, contradictory, same_time
 from .readings import READERS as READINGS
 from .readings import ReadingCollector
 from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyCollector
+from .untimed import ADJACENT, SAME_BURST, HeldVtg
 
-SILENCE_NS = 200_000_000  # longer than any pause within a burst
-ESTABLISHED, CONTRADICTED = 2, -3  # scores of a kind: at this end in two bursts; elsewhere in the last one
+SILENCE_NS = 200_000_000  # longer than any pause within a burst, and than all together
+IDLE_NS = 25_000_000  # from this on it is a pause, not the way in which an adapter delivers bytes
+ESTABLISHED = 2  # score of a kind that was at this end in the last two bursts
+FIRST_ELSEWHERE, LAST_ELSEWHERE = -3, -100  # score of one that was not: others may follow it in one of so many bursts
 LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
 INTERVAL_MAX_NS = 10_000_000_000
 COMPANIONS = {"GST", "ZDA"}
 RECEIVERS = {"GP", "GN", "GL", "GA", "GB", "BD", "GQ", "QZ", "GI"}  # talkers
-ECHO_NS, DAY_NS = 5_000_000_000, 86_400_000_000_000  # after a receiver's last position it is not away yet
+ECHO_NS = 5_000_000_000  # after a receiver's last position it is not away yet
 DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
 
 
 class BurstOrder:
     """The kinds of sentence that are first, or last, in a burst: learned, as any sentence may be lost."""
 
-    def __init__(self) -> None:
+    def __init__(self, elsewhere: int) -> None:
+        """elsewhere: score of a kind that was not at this end; it counts up to ESTABLISHED."""
+        self._elsewhere = elsewhere
         self._score: Counter[str] = Counter()
 
     def confirm(self, kind: str) -> None:
@@ -39,7 +46,7 @@ class BurstOrder:
 
     def contradict(self, kind: str) -> None:
         """In a burst `kind` was not at this end."""
-        self._score[kind] = CONTRADICTED
+        self._score[kind] = self._elsewhere
 
     def is_established(self, kind: str) -> bool:
         """Whether `kind` was at this end in the last bursts."""
@@ -90,7 +97,10 @@ class NmeaDecoder:
         self.whole = 0
         self._splitter = Splitter(self.counters, unchecked)
         self._epoch: Epoch | None = None
-        self._beginnings, self._endings = BurstOrder(), BurstOrder()
+        self._beginnings, self._endings = BurstOrder(FIRST_ELSEWHERE), BurstOrder(LAST_ELSEWHERE)
+        self._accuracy = StatedAccuracy()
+        self._held: HeldVtg | None = None
+        self._pauses_ns = 0  # since the last sentence
         self._vtg_agrees = True  # with RMC, where there was both
         self._interval_ns = INTERVAL_MAX_NS  # between epochs
         self._gsa = GsaHistory()
@@ -99,6 +109,7 @@ class NmeaDecoder:
         self._waiting: dict[str, tuple[Content, int]] = {}  # companions of an epoch to come, with their arrival
         self._last_fix_utc_ns: int | None = None
         self._last_arrival_ns: int | None = None
+        self._idle_ns = 0  # pauses since the epoch's last sentence
         self._pause_ns: int | None = None  # when the first bytes after a pause came
         self._receiver_utc_ns: int | None = None  # of the last position that a receiver itself sent
 
@@ -110,23 +121,34 @@ class NmeaDecoder:
     @property
     def pending(self) -> bool:
         """See `GnssDecoder`."""
-        return self._epoch is not None and not self._epoch.done
+        return self._held is not None or (self._epoch is not None and not self._epoch.done)
 
     def feed(self, data: bytes, arrival_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._last_arrival_ns is not None and arrival_ns - self._last_arrival_ns >= SILENCE_NS:
-            self._pause_ns = arrival_ns
+        self._note_pause(arrival_ns)
         self._last_arrival_ns = arrival_ns
         fixes = []
         for sentence in self._splitter.feed(data, arrival_ns):
             self.whole += 1
+            if self._held and self._held.after_ns is None:
+                self._held.after_ns = self._pauses_ns
             fixes += self._process(sentence)
+            self._pauses_ns = 0
         return fixes
+
+    def _note_pause(self, arrival_ns: int) -> None:
+        pause_ns = 0 if self._last_arrival_ns is None else arrival_ns - self._last_arrival_ns
+        if pause_ns >= IDLE_NS:
+            self._pauses_ns += pause_ns
+            self._idle_ns += pause_ns
+        if max(pause_ns, self._idle_ns) >= SILENCE_NS:
+            self._pause_ns, self._idle_ns = arrival_ns, 0
 
     def flush(self, now_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
         if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < SILENCE_NS:
             return []
+        self._settle()
         return self._close()
 
     def take_readings(self) -> list[Reading]:
@@ -154,6 +176,8 @@ class NmeaDecoder:
         after_pause = self._pause_ns is not None and sentence.arrival_ns >= self._pause_ns
         if after_pause and self._epoch and content and same_time(content.utc_ns, self._epoch.utc_ns):
             after_pause = False  # a pause in the burst, for bytes that were lost
+        if after_pause and self._held and self._held.sentence.arrival_ns < (self._pause_ns or 0):
+            self._settle()
         fixes = self._close() if after_pause else []
         if content is None:
             return fixes
@@ -178,15 +202,16 @@ class NmeaDecoder:
     def _assign(self, sentence: Sentence, content: Content, after_pause: bool) -> list[Fix]:
         """Put a sentence into the epoch to which it belongs."""
         epoch, kind = self._epoch, sentence.kind
+        belongs = epoch is not None and not after_pause and self._belongs(sentence, content, epoch)
+        if isinstance(content, Vtg) and not (belongs and self._is_ending(sentence)):
+            return self._hold(sentence, content)
         if sentence.talker in RECEIVERS and isinstance(content, GgaGns | RmcGllGroup) and content.quality:
             self._receiver_utc_ns = content.utc_ns
-        if epoch is not None and not after_pause and self._belongs(sentence, content, epoch):
-            self._endings.contradict(epoch.last)
-            self._beginnings.contradict(kind)
-            if epoch.done:
-                self.counters["late"] += 1
+        if epoch is not None and belongs:
+            self._settle(between=True)
+            if not self._join(epoch, kind, content):
                 return []
-            epoch.add(kind, content)
+            self._beginnings.contradict(kind)
         elif kind in COMPANIONS:
             self._waiting[kind] = content, sentence.arrival_ns
             return []
@@ -197,10 +222,39 @@ class NmeaDecoder:
             self.counters["repeated"] += 1
             return []
         else:
-            fixes = self._close()
-            self._begin(sentence, content, after_pause)
-            return fixes + (self._finish() if self._endings.is_established(kind) else [])
+            return self._begin(sentence, content, after_pause)
         return self._finish() if self._endings.is_established(kind) else []
+
+    def _join(self, epoch: Epoch, kind: str, content: Content) -> bool:
+        """Add a sentence to the epoch; False: that is complete."""
+        self._endings.contradict(epoch.last)
+        if epoch.done:
+            self.counters["late"] += 1
+            return False
+        epoch.add(kind, content)
+        self._idle_ns = 0
+        return True
+
+    def _is_ending(self, vtg: Sentence) -> bool:
+        """Whether VTG is the last sentence of bursts, and this one surely is of the newest."""
+        return self._endings.is_established(vtg.kind) and self._pauses_ns <= ADJACENT * self._interval_ns
+
+    def _hold(self, vtg: Sentence, content: Vtg) -> list[Fix]:
+        """Wait for the sentence after it."""
+        self._settle()
+        self._held = HeldVtg(vtg, content, self._pauses_ns)
+        return []
+
+    def _settle(self, between: bool = False) -> None:
+        """The VTG that waits is of the newest epoch, or of none. between: its epoch goes on after it."""
+        held, self._held = self._held, None
+        if held is None:
+            return
+        adjacent = between or held.before_ns <= SAME_BURST * self._interval_ns
+        if self._epoch is None or not adjacent or not self._belongs(held.sentence, held.content, self._epoch):
+            self.counters["late"] += 1
+        else:
+            self._join(self._epoch, held.sentence.kind, held.content)
 
     def _is_echo(self, sentence: Sentence, utc_ns: int | None) -> bool:
         """Whether an instrument (II, IN, EC …) sends its own copy of what a receiver on the same line has just sent.
@@ -215,20 +269,28 @@ class NmeaDecoder:
         late = content.utc_ns is None and sentence.arrival_ns - epoch.arrival_ns > LATE_INTERVALS * self._interval_ns
         return not late and epoch.fits(sentence.kind, content.utc_ns)
 
-    def _begin(self, sentence: Sentence, content: Content, after_pause: bool) -> None:
-        kind = sentence.kind
+    def _begin(self, sentence: Sentence, content: Content, after_pause: bool) -> list[Fix]:
+        kind, held = sentence.kind, self._held
+        if held and held.is_of_next and not self._endings.is_established(held.sentence.kind):
+            self._held = None
+            self._endings.contradict(held.sentence.kind)
+            self._waiting[held.sentence.kind] = held.content, held.sentence.arrival_ns
+        self._settle()
+        fixes = self._close()
         unusual = self._beginnings.is_contradicted(kind) or self._endings.is_established(kind)
         first = self._beginnings.is_established(kind) or (after_pause and not unusual)
         self._beginnings.confirm(kind)
         epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
         self._pause_ns = None
         for name, (waiting, arrival_ns) in self._waiting.items():
-            if same_time(waiting.utc_ns, content.utc_ns):
+            if isinstance(waiting, Vtg) or same_time(waiting.utc_ns, content.utc_ns):
                 epoch.add(name, waiting)
                 epoch.arrival_ns = min(epoch.arrival_ns, arrival_ns)
         self._waiting.clear()
         epoch.add(kind, content)
+        self._idle_ns = 0
         self._readings.begin(epoch)
+        return fixes + (self._finish() if self._endings.is_established(kind) else [])
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""
@@ -242,6 +304,7 @@ class NmeaDecoder:
         epoch = self._epoch
         assert epoch is not None
         epoch.done = True
+        self._accuracy.complete(epoch)
         status = epoch.status()
         if status is None:
             return []

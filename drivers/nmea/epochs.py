@@ -8,6 +8,7 @@ from ..fix import Fix, ReceiverStatus
 from .content import Content, GgaGns, Gst, RmcGllGroup, Vtg, Zda
 
 SAME_NS = 10_000_000  # receivers round the time of one epoch to 2 decimals here and to 3 there
+DAY_NS = 86_400_000_000_000
 FAR_DEG = 1e-3  # sentences of one epoch further apart than that contradict each other
 ROUNDING_MPS = 0.15  # speeds in RMC and VTG of one epoch differ by less
 
@@ -33,6 +34,7 @@ class Epoch:
     vtg: Vtg | None = None
     gst: Gst | None = None
     zda: Zda | None = None
+    stated: GgaGns | None = None  # quality, satellites and HDOP by an earlier GGA or GNS, where this burst has none
 
     def has(self, kind: str) -> bool:
         """Whether a sentence of this kind came already."""
@@ -62,13 +64,14 @@ class Epoch:
         if named is None:
             return None
         is_valid = named.quality != 0 and (other is None or other.quality != 0)
-        quality = named.quality if is_valid else 0
+        quality = (self.stated or named).quality if is_valid else 0
         satellites = self._satellites() if quality else (self.gga or self.gns or GgaGns(None, 0, None)).satellites
         return ReceiverStatus(quality, satellites, self.arrival_ns)
 
     def _satellites(self) -> int | None:
         """In use. 0 in GGA with a fix, as of some receivers, means unknown."""
-        return (self.gga.satellites if self.gga else None) or (self.gns.satellites if self.gns else None) or None
+        sources = (self.gga, self.gns, self.stated)
+        return next((source.satellites for source in sources if source and source.satellites), None)
 
     def positions(self) -> list[GgaGns | RmcGllGroup]:
         """The sentences with a position, the richest first."""
@@ -86,7 +89,7 @@ class Epoch:
         # RMC's time says to which position its speed belongs; of VTG only its order in the burst is known.
         motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
-        height = self.gga or self.gns or GgaGns(None, status.quality, None)
+        height = self.gga or self.gns or self.stated or GgaGns(None, status.quality, None)
         gst = self.gst or Gst(None, None, None, None)
         return Fix(
             arrival_ns=self.arrival_ns,

@@ -3,11 +3,15 @@
 The line that turns ticks into host time is fitted anew after each window (`line.py`). Stamps follow a changed line by
 slewing; they never step back.
 
-A counter may be wrong. If it jumped ahead, the next sample arrives before the time that the line gives it, which is
-impossible: the counter is corrected. (Before there is a fit, the line may be wrong instead, because all arrivals so far
-were late: then the clock begins anew.) If the counter stood still for a time (sensors without a counter have their
-samples counted on arrival, so that lost ones are not counted), all later samples are late, and equally late. Bytes that
-only waited in a buffer are late, too, but ever less while the buffer empties.
+A counter may be wrong. If it jumped ahead, or counted a repeated sample, the next sample arrives before the time that
+the line gives it, which is impossible. The line may have been too high: then it is lowered, but by no more than the
+drift of clocks and the way in which adapters deliver explain. What is more than that is no error of the line: the
+counter is corrected, so that the points before still fit. (All of them may have been late by as much, which is mended
+by the same. Before there is a fit the clock begins anew instead.) If the counter stood still for a time (sensors
+without a counter have their samples counted on arrival, so that lost ones are not counted), all later samples are late,
+and equally late. Bytes that only waited in a buffer are late, too, but ever less while the buffer empties. A counter
+that seems to miss ticks again and again keeps another rate than the line: then the clock begins anew, as it does if
+corrections leave no window whole.
 """
 
 from __future__ import annotations
@@ -24,11 +28,16 @@ if TYPE_CHECKING:
 
 WINDOW_NS = 0.5e9  # length of the first windows
 SLEW = 0.01  # stamps run at most 1 % fast or slow while they catch up with a changed line
-FAST_SLEW = 0.9  # share by which stamps that are far ahead run slow
+FAST_SLEW = 0.9  # share by which stamps run slow that are ahead of the line by more than that may be too high
 WATCH_NS, WATCH_SAMPLES = 250_000_000.0, 4  # least length of a watch, in which it is seen whether any sample is in time
 EQUAL_LATENESS_NS = 10e6  # two watches are equally late within this; otherwise a buffer is emptying
 LATE_UNFITTED_NS = 50e6  # lateness before there is a fit: the nominal period may be wrong by some percent
 MAX_LATE_WATCHES = 8  # after so many late watches in a row the clock begins anew
+# By how much the line may have been too high: a tick of up to 5 ms hides behind an adapter that delivers as often, half
+# a longer one; or some times the scatter of the earliest arrivals. A drift lowers the line for ever, but slowly.
+TOLERANCE_NS, TOLERANCE_TICKS, TOLERANCE_SCATTERS, MAX_DRIFT = 5e6, 0.5, 4.0, 1e-3
+UNFITTED_NS = 10e9  # corrections that leave no window whole for so long: the clock begins anew
+MISSED_AGAIN_NS = 60e9  # two corrections for missed ticks within that time: the clock begins anew
 MEAN_LATENESS_GAIN = 1e-3  # weight of one sample in the mean lateness
 
 CLOCK = np.dtype(
@@ -46,6 +55,10 @@ CLOCK = np.dtype(
         ("slew_ns", "<f8"),  # by how much stamps are still ahead of the line
         ("last_tick", "<i8"),
         ("last_ns", "<i8"),
+        ("lowered_ns", "<f8"),  # by how much the line was lowered, more than clocks drift
+        ("sound_count", "<i8"),  # points from before it was lowered
+        ("last_missed", "<f8"),  # arrival with which the counter was corrected for missed ticks, ns since base_ns
+        ("last_window", "<f8"),  # arrival with which the last window ended, ns since base_ns
         ("window_ns", "<f8"),  # length of a window
         ("window_start", "<i8"),  # its first tick
         ("window_x", "<f8"),  # ticks since base_tick, of its earliest arrival
@@ -95,6 +108,9 @@ def _restart(clock: Clock, tick: int, arrival_ns: int) -> None:
     clock.slew_ns = 0.0
     clock.count = 0
     clock.window_ns = WINDOW_NS
+    clock.last_window = 0.0
+    clock.last_missed = -np.inf
+    clock.lowered_ns = 0.0
     _begin_window(clock, tick)
     clock.late_watches = 0
     _begin_watch(clock, 0.0)
@@ -130,7 +146,10 @@ def _add_to_window(clock: Clock, tick: int, x: float, y: float, residual: float)
     if (tick - clock.window_start) * clock.period_ns >= clock.window_ns:
         if clock.window_residual < FAR_NS or clock.fitted == 0:
             add_point(clock)
+            before = clock.offset + clock.slope * x
             refit(clock, x)
+            clock.lowered_ns -= max(0.0, clock.offset + clock.slope * x - before)
+        clock.last_window = y
         _begin_window(clock, tick)
 
 
@@ -139,7 +158,37 @@ def _correct(clock: Clock, tick: int, ticks: float) -> None:
     """Correct the counter by `ticks` that it missed; negative: that it counted too many."""
     clock.uncounted_ticks += ticks
     clock.corrections += 1
+    clock.lowered_ns = 0.0
     _begin_window(clock, tick)
+
+
+@kernel
+def _restart_ahead(clock: Clock, tick: int, arrival_ns: int, residual: float) -> None:
+    """Begin anew; stamps do not step back."""
+    ahead = clock.slew_ns - residual
+    _restart(clock, tick, arrival_ns)
+    clock.slew_ns = ahead
+
+
+@kernel
+def _lower(clock: Clock, residual: float) -> None:
+    """Lower the line to an arrival that is earlier: the line was too high."""
+    clock.offset += residual
+    clock.slew_ns -= residual
+    clock.lowered_ns -= residual
+    clock.window_residual = np.inf
+
+
+@kernel
+def _correct_early(clock: Clock, tick: int, residual: float, elapsed: float) -> None:
+    """Correct the counter, not the line, for an arrival that is too early. elapsed: since the last sample, in ns.
+
+    The points since the line was first lowered for it are of neither count.
+    """
+    clock.offset += clock.lowered_ns
+    clock.count = min(clock.count, clock.sound_count)
+    clock.slew_ns += max(0.0, -residual - FAST_SLEW * elapsed)
+    _correct(clock, tick, (residual - clock.lowered_ns) / clock.slope)
 
 
 @kernel
@@ -157,9 +206,10 @@ def _check_lateness(clock: Clock, tick: int, arrival_ns: int, residual: float) -
     if clock.late_watches < 2:
         return
     equal = abs(least - before) < EQUAL_LATENESS_NS
-    if equal and clock.fitted:
+    if equal and clock.fitted and y - clock.last_missed > MISSED_AGAIN_NS:
         _correct(clock, tick, min(least, before) / clock.slope)
         clock.late_watches = 0
+        clock.last_missed = y
     elif equal or clock.late_watches >= MAX_LATE_WATCHES:
         clock.corrections += 1
         _restart(clock, tick, arrival_ns)
@@ -175,28 +225,36 @@ def stamp(clock: Clock, tick: int, arrival_ns: int) -> int:
     x = tick - clock.base_tick + clock.uncounted_ticks
     elapsed = clock.slope * (tick - clock.last_tick)
     residual = y - (clock.offset + clock.slope * x)
-    if residual < -FAR_NS and clock.fitted == 0:
-        ahead = clock.slew_ns - residual
-        _restart(clock, tick, arrival_ns)
-        clock.slew_ns = ahead
-        x = y = residual = 0.0
-    if residual < -FAR_NS:
-        ahead = min(-residual, elapsed) / clock.slope
-        _correct(clock, tick, -ahead)
-        x -= ahead
-        residual += ahead * clock.slope
-    if residual < 0.0:  # earlier than the line allows: the line was too high
-        clock.offset += residual
-        clock.slew_ns -= residual
+    tolerance = max(TOLERANCE_NS, TOLERANCE_TICKS * clock.slope, min(TOLERANCE_SCATTERS * clock.residual_ns, FAR_NS))
+    clock.lowered_ns = max(0.0, clock.lowered_ns - MAX_DRIFT * elapsed)
+    if clock.lowered_ns == 0.0:
+        clock.sound_count = clock.count
+    if residual < 0.0 and clock.fitted == 0:
+        if residual < -FAR_NS:
+            _restart_ahead(clock, tick, arrival_ns, residual)
+            x = y = 0.0
+        else:
+            _lower(clock, residual)
+            clock.lowered_ns = 0.0
         residual = 0.0
-        clock.window_residual = np.inf
+    elif residual < 0.0:
+        if clock.lowered_ns - residual <= tolerance:
+            _lower(clock, residual)
+        elif y - clock.last_window > max(UNFITTED_NS, 2.0 * clock.window_ns):
+            clock.corrections += 1
+            _restart_ahead(clock, tick, arrival_ns, residual)
+            x = y = 0.0
+        else:
+            _correct_early(clock, tick, residual, elapsed)
+            x = tick - clock.base_tick + clock.uncounted_ticks
+        residual = 0.0
     _add_to_window(clock, tick, x, y, residual)
     if clock.fitted == 1:
         clock.late_ns += MEAN_LATENESS_GAIN * (residual - clock.late_ns)
         clock.latest_ns = max(clock.latest_ns, residual)
     if clock.slew_ns < -FAR_NS:
         clock.slew_ns = 0.0
-    max_change = (FAST_SLEW if clock.slew_ns > FAR_NS else SLEW) * elapsed
+    max_change = (FAST_SLEW if clock.slew_ns > (tolerance if clock.fitted == 1 else FAR_NS) else SLEW) * elapsed
     clock.slew_ns -= max(-max_change, min(max_change, clock.slew_ns))
     line = clock.offset + clock.slope * x + clock.slew_ns - clock.delay_ns
     t_ns = max(int(clock.base_ns + int(line + 0.5)), int(clock.last_ns) + 1)

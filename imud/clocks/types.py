@@ -17,6 +17,10 @@ class Clock:
     slew_ns: float
     last_tick: int
     last_ns: int
+    lowered_ns: float
+    sound_count: int
+    last_missed: float
+    last_window: float
     window_ns: float
     window_start: int
     window_x: float

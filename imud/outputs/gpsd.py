@@ -140,7 +140,7 @@ class GpsdServer:
     def _encode(self, policy: Policy, kinds: tuple[str, ...]) -> bytes:
         """The newest view in the format that the client watches: JSON, NMEA, or both."""
         data = self._newest_report().lines(kinds) if policy.json else b""
-        if policy.nmea:
+        if policy.sends_nmea:
             self._sentences = self._sentences or sentences(self._view)
             data += self._sentences
         return data

@@ -3,7 +3,8 @@
 A request ends at `;`, LF or CR; text that does not begin with `?` is ignored, except a request of HTTP, which any web
 page can have a browser send across sites: a client that sends one is disconnected before anything after it is read. No
 bytes raise an error: an invalid request is answered with ERROR. The protocol is gpsd's, with two more keys in ?WATCH,
-both optional: `rate` (Hz) and `class` (names separated by commas) select the rate and the classes of messages.
+both optional: `rate` (Hz) and `class` (names separated by commas) select the rate and the classes of messages. What a
+client of `raw` gets (gpsmon, gpspipe -R) are the estimates as NMEA: of a receiver they are the bytes that it sends.
 """
 
 import functools
@@ -78,6 +79,7 @@ class _WatchArgument(msgspec.Struct):
     enable: bool = True
     json: bool | None = None
     nmea: bool | None = None
+    raw: Annotated[int, number(0, 2, "")] | None = None  # 1 differs from 2 only for binary data, which there is none of
     device: str | None = None
     rate: Annotated[float, number(*MESSAGE_RATE_HZ, "Hz")] | None = None
     classes: str | None = msgspec.field(name="class", default=None)
@@ -103,12 +105,17 @@ class Policy:
     enable: bool = False
     json: bool = False
     nmea: bool = False
+    raw: int = 0
     device: str | None = None
     classes: tuple[str, ...] = DEFAULT_CLASSES
 
     @property
     def streaming(self) -> bool:
-        return self.enable and (self.json or self.nmea)
+        return self.enable and (self.json or self.sends_nmea)
+
+    @property
+    def sends_nmea(self) -> bool:
+        return self.nmea or self.raw > 0
 
     def updated(self, argument: bytes) -> "Policy":
         """This policy after ?WATCH=argument. Raises RefusedError."""
@@ -121,6 +128,7 @@ class Policy:
             enable=given.enable,
             json=self.json if given.json is None else given.json,
             nmea=self.nmea if given.nmea is None else given.nmea,
+            raw=self.raw if given.raw is None else given.raw,
             device=self.device if given.device is None else given.device,
             rate_hz=given.rate or self.rate_hz,
             classes=self.classes if given.classes is None else _selected_classes(given.classes),
@@ -171,11 +179,11 @@ def devices_object(devices: Iterable[Device]) -> str:
 
 
 def watch_object(policy: Policy) -> str:
-    """The policy as it is: there are no raw or AIS streams to watch here."""
+    """The policy as it is: there are no streams of AIS or pulses to watch here."""
     words = {True: "true", False: "false"}
     device = f',"device":{quoted(policy.device)}' if policy.device is not None else ""
     return (
-        f'{{"class":"WATCH","enable":{words[policy.enable]},"json":{words[policy.json]},"nmea":{words[policy.nmea]},"raw":0'
+        f'{{"class":"WATCH","enable":{words[policy.enable]},"json":{words[policy.json]},"nmea":{words[policy.nmea]},"raw":{policy.raw}'
         f',"scaled":false,"timing":false,"split24":false,"pps":false{device}'
         f',"rate":{policy.rate_hz:.6g},"classes":"{",".join(policy.classes)}"}}'
     )

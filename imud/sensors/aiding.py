@@ -30,11 +30,17 @@ class NamedMeasurement:
     arrival_ns: int
 
     def row(self, known: Iterable[AidingSource]) -> Records | None:
-        """As an array of one MEASUREMENT; None: the estimator does not take it. known: the sources that it takes."""
+        """As an array of one MEASUREMENT. known: the sources that the estimator takes.
+
+        None: it does not take it, or not such values: a pressure in bar of one decimal has a sigma of 700 m.
+        """
         for source in known:
             if source.name == self.source:
                 row = np.zeros(1, MEASUREMENT)
-                source.fill(row[0], self.values)
+                try:
+                    source.fill(row[0], self.values)
+                except ValueError:
+                    return None
                 row["t_ns"], row["arrival_ns"] = self.t_ns, self.arrival_ns
                 return row
         return None

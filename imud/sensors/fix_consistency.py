@@ -49,6 +49,10 @@ class FixConsistency:
         """fix: array of one FIX."""
         row: Any = fix.item()
         t_ns, _, lat, lon, _, sigma, hdop, v, speed, course, *_ = row
+        if not (math.isfinite(speed) or math.isfinite(v[0])):  # some receivers send it with one position in ten
+            self._moved = self._moved or (self._last is not None and (lat, lon) != self._last[1:3])
+            self.is_frozen = self.is_frozen and not self._moved
+            return
         last, now = self._last, (t_ns, lat, lon, _velocity(v, speed, course))
         self._last = now
         if last is None:

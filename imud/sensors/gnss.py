@@ -17,11 +17,18 @@ from ..math.arrays import Records
 
 DEGREE_M = 111_195.0  # of latitude
 HEIGHT_MAX_M, SPEED_MAX_MPS = 1e6, 1e4  # beyond them no fix can be right
+LEAST_HDOP = 0.2  # of a hundred satellites, all on the horizon: 2 / sqrt(n)
+SIGMA_MAX_M = 1e4  # 1 sigma; receivers state thousands of kilometres where they have no position
+LEAST_SIGMA_M = 1e-3  # 1 sigma; none that measures while it moves knows its position better
 COARSE_M = 3.0  # 1 sigma of the rounding of a position from which on it counts: two decimals of a minute or fewer
 
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def _known(value: float | None, least: float, most: float) -> float:
+    return math.nan if value is None or not least <= value <= most else value
 
 
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
@@ -41,12 +48,17 @@ class Refusal:
 IMPOSSIBLE = Refusal("range", "their position is 0, 0, or their height or velocity is beyond what can be")
 
 
+INACCURATE = Refusal("unknown accuracy", "they may be off by more than 10 km, as they say: there is no position")
+
+
 def refusal(fix: Fix, settings: Gnss) -> Refusal | None:
     """Why the settings forbid this fix; None: use it."""
     if fix.spoofed:
         return Refusal("spoofing", "the receiver reports forged signals")
     if not is_possible(fix):
         return IMPOSSIBLE
+    if max(fix.sigma_n_m or 0.0, fix.sigma_e_m or 0.0) > SIGMA_MAX_M:
+        return INACCURATE
     why = _forbidden(fix.quality, fix.satellites, fix.hdop, settings)
     return why or (Refusal("unknown time", "they have no time") if fix.utc_s is None else None)
 
@@ -81,26 +93,31 @@ def refusals(fixes: Records, settings: Gnss) -> list[Refusal | None]:
     """Of each fix (array of FIX) why the settings forbid it; None: use it. A row without a position is not judged."""
     known = np.isfinite(fixes["lat"])
     columns = (fixes[name].tolist() for name in ("quality", "satellites", "hdop"))
-    return [
-        _forbidden(quality, satellites if satellites >= 0 else None, hdop if math.isfinite(hdop) else None, settings)
-        if k
-        else None
-        for k, quality, satellites, hdop in zip(known, *columns, strict=True)
-    ]
+    inaccurate = np.fmax(fixes["sigma"][:, 0], fixes["sigma"][:, 1]) > SIGMA_MAX_M
+    found: list[Refusal | None] = []
+    for k, vague, quality, satellites, hdop in zip(known, inaccurate, *columns, strict=True):
+        of_number = _forbidden(
+            quality, satellites if satellites >= 0 else None, hdop if math.isfinite(hdop) else None, settings
+        )
+        found.append((INACCURATE if vague else of_number) if k else None)
+    return found
 
 
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     """The fix as an array of one FIX. Without a geoid separation the height above sea level must do.
 
+    A dilution or sigma that none can have is one that the receiver does not know, as 0 is.
+
     The height of a two-dimensional fix is an old one that the receiver holds, or a guess: it counts as unknown.
     """
     height = fix.height_m if fix.height_m is not None else fix.alt_msl_m
-    if fix.dimensions == 2:
+    if fix.dimensions == 2 or (fix.sigma_d_m or 0.0) > SIGMA_MAX_M:
         height = None
-    sigma = [sigma or math.nan for sigma in (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)]  # 0: not known
+    stated = (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)
+    sigma = [_known(sigma, LEAST_SIGMA_M, SIGMA_MAX_M) for sigma in stated]
     rounding_m = fix.step_deg * DEGREE_M / math.sqrt(12.0)  # 1 sigma of an error that is evenly distributed
     if rounding_m > COARSE_M:
-        sigma[:2] = [math.hypot(stated or 0.0, rounding_m) for stated in (fix.sigma_n_m, fix.sigma_e_m)]
+        sigma[:2] = [math.hypot(each or 0.0, rounding_m) for each in stated[:2]]
     row = np.zeros(1, FIX)
     row[0] = (  # in the order of FIX, at once: several times as fast as field by field
         t_ns,
@@ -109,7 +126,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
         math.radians(fix.lon_deg),
         _or_nan(height),
         sigma,
-        _or_nan(fix.hdop),
+        _known(fix.hdop, LEAST_HDOP, math.inf),
         [_or_nan(component) for component in fix.velocity_mps] if fix.velocity_mps else math.nan,
         _or_nan(fix.speed_mps),
         math.radians(_or_nan(fix.course_deg)),

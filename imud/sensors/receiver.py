@@ -16,7 +16,7 @@ from ..math.arrays import Records
 from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
-from .gnss import IMPOSSIBLE, Refusal, is_precise, record, refusal
+from .gnss import IMPOSSIBLE, INACCURATE, Refusal, is_precise, record, refusal
 from .limits import BY_SETTING, LIMITS, is_beyond
 from .line_load import LineLoad
 from .loss import HIGH, LossMonitor
@@ -279,8 +279,9 @@ class Receiver:
             return "receiver: its position has never changed although its velocity says that it moves"
         if self._row is not None and int(self._row["arrival_ns"][0] - self._row["t_ns"][0]) > TOO_LATE_NS:
             return "receiver: its fixes come more than two seconds late, too late for the filter"
-        if self._verdict == IMPOSSIBLE.rule:
-            return f"receiver: its fixes are refused: {IMPOSSIBLE}"
+        for lasting in (IMPOSSIBLE, INACCURATE):
+            if self._verdict == lasting.rule:
+                return f"receiver: its fixes are refused: {lasting}"
         if self._verdict in BY_SETTING:
             return f"receiver: its fixes are refused by {self._verdict}"
         if self._jumped_ns is not None and now_ns - self._jumped_ns < JUMPED_NS:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...filter_state_names import PLACES
 from ...math.arrays import Floats, Records
+from ...math.rotation import UNKNOWN_ANGLE
 from ..filter_states import ATTITUDE_BLOCK, FILTER_STATES, in_triangle
 from .state import ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_MATRIX, STATES, VELOCITY
 
@@ -39,7 +40,7 @@ def filter_states(state: Records) -> Records:
             row[name] = math.nan
         scale = np.append(s["variance_factor"]["tilt_scale"], 1.0)
         attitude_covariance = np.outer(scale, scale) * P[_IN_P[_ATTITUDE, _ATTITUDE]]
-        row["covariance"][ATTITUDE_BLOCK] = attitude_covariance + np.diag(_beyond_covariance(s))
+        row["covariance"][ATTITUDE_BLOCK] = attitude_covariance + np.diag(_beyond(s["cov"], attitude_covariance))
         estimated = (P[_IN_P[_ERROR_STATES[:, None], _MOTION]] != 0.0).any(axis=1)
         values = np.hstack([nav["gyro_matrix"], nav["accel_scale"], nav["accel_delay"]])
         row["value"][_NAMED[estimated]] = values[estimated]
@@ -48,13 +49,7 @@ def filter_states(state: Records) -> Records:
     return rows
 
 
-def _beyond_covariance(s: np.void) -> tuple[float, float, float]:
-    """What the solution's sigmas have beyond P, rad^2 about north, east, down: see `solution`."""
-    missing2 = float(s["clipping"]["missing_angle"]) ** 2
-    tilts = (
-        s["attitude_step"]["possible_tilt_error"],
-        s["motion"]["hidden_tilt"],
-        s["hypotheses"]["possible_tilt_error"],
-    )
-    tilt2 = missing2 + sum(float(tilt) ** 2 for tilt in tilts)
-    return tilt2, tilt2, missing2
+def _beyond(cov: np.void, attitude_covariance: Floats) -> Floats:
+    """What the solution's sigmas have beyond P, rad^2 about north, east, down; in all no more than unknown."""
+    unseen = np.array([cov["unseen_tilt"], cov["unseen_tilt"], cov["unseen_yaw"]])
+    return np.clip(UNKNOWN_ANGLE**2 - np.diag(attitude_covariance), 0.0, unseen**2)

@@ -30,6 +30,7 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
     if flags & UNCONFIRMED_RATE != 0:
         cut_off = unseen = UNKNOWN_ANGLE
+    cov.unseen_tilt, cov.unseen_yaw = unseen, cut_off
     if (
         s.levelling.initialised == 1
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad

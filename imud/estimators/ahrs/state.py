@@ -74,6 +74,8 @@ COVARIANCE = np.dtype(
         ("sigma_rpy", "<f8", (3,)),
         ("sigma_bg", "<f8", (3,)),
         ("sigma_ba", "<f8", (3,)),
+        ("unseen_tilt", "<f8"),  # rad, what the stated sigmas of roll and pitch have beyond those
+        ("unseen_yaw", "<f8"),  # rad, the same of yaw
     ],
     align=True,
 )

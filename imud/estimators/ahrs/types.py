@@ -166,6 +166,8 @@ class Covariance:
     sigma_rpy: Reals
     sigma_bg: Reals
     sigma_ba: Reals
+    unseen_tilt: float
+    unseen_yaw: float
 
 
 class Imu:

@@ -12,8 +12,10 @@ from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
 from .accuracy import StatedAccuracy
+from .burst_order import FIRST_ELSEWHERE, LAST_ELSEWHERE, BurstOrder
 from .content import READERS, Content, GgaGns, GsaMode, RmcGllGroup, Vtg
 from .epochs import DAY_NS, Epoch, contradictory, same_time
+from .gsa_history import GsaHistory
 from .readings import READERS as READINGS
 from .readings import ReadingCollector
 from .sentences import RefusedError, Sentence, Splitter
@@ -22,63 +24,11 @@ from .untimed import ADJACENT, SAME_BURST, HeldVtg
 
 SILENCE_NS = 200_000_000  # longer than any pause within a burst, and than all together
 IDLE_NS = 25_000_000  # from this on it is a pause, not the way in which an adapter delivers bytes
-ESTABLISHED = 2  # score of a kind that was at this end in the last two bursts
-FIRST_ELSEWHERE, LAST_ELSEWHERE = -3, -100  # score of one that was not: others may follow it in one of so many bursts
 LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
 INTERVAL_MAX_NS = 10_000_000_000
 COMPANIONS = {"GST", "ZDA"}
 RECEIVERS = {"GP", "GN", "GL", "GA", "GB", "BD", "GQ", "QZ", "GI"}  # talkers
 ECHO_NS = 5_000_000_000  # after a receiver's last position it is not away yet
-DIMENSIONS_LAST = 30  # epochs without a GSA after which the last one no longer counts
-
-
-class BurstOrder:
-    """The kinds of sentence that are first, or last, in a burst: learned, as any sentence may be lost."""
-
-    def __init__(self, elsewhere: int) -> None:
-        """elsewhere: score of a kind that was not at this end; it counts up to ESTABLISHED."""
-        self._elsewhere = elsewhere
-        self._score: Counter[str] = Counter()
-
-    def confirm(self, kind: str) -> None:
-        """In a burst `kind` was at this end."""
-        self._score[kind] = min(self._score[kind] + 1, ESTABLISHED)
-
-    def contradict(self, kind: str) -> None:
-        """In a burst `kind` was not at this end."""
-        self._score[kind] = self._elsewhere
-
-    def is_established(self, kind: str) -> bool:
-        """Whether `kind` was at this end in the last bursts."""
-        return self._score[kind] >= ESTABLISHED
-
-    def is_contradicted(self, kind: str) -> bool:
-        """Whether `kind` was elsewhere in the last bursts."""
-        return self._score[kind] < 0
-
-
-class GsaHistory:
-    """The fix mode by the newest GSA. A receiver may send one for each satellite system, and none in most epochs."""
-
-    def __init__(self) -> None:
-        self._dimensions: int | None = None
-        self._complete = True  # something else came since, so the next GSA is of another epoch
-        self._age = 0
-
-    def add(self, gsa: GsaMode) -> None:
-        """One GSA."""
-        best = max(gsa.dimensions, 1 if self._complete or self._dimensions is None else self._dimensions)
-        self._dimensions = best if best > 1 else None
-        self._complete, self._age = False, 0
-
-    def end_group(self) -> None:
-        """Another kind of sentence came: the next GSA is of another epoch."""
-        self._complete = True
-
-    def dimensions_for_fix(self) -> int | None:
-        """The fix mode for a new fix; None: no GSA came lately. Call once for each fix."""
-        self._age += 1
-        return self._dimensions if self._age <= DIMENSIONS_LAST else None
 
 
 class NmeaDecoder:

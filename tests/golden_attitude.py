@@ -303,3 +303,17 @@ def long_rest_of_counts():
 @golden("attitude")
 def rates_rounded():
     return cut_off(np.round, (0.08, -0.05, -0.4), 0.47, still=60.0)
+
+
+@golden("attitude")
+def large_biases():
+    """A gyro of the worst kind, and an accelerometer that does not weigh gravity."""
+    flaws = Flaws(gyro_bias=(15.0 * DEG, -12.0 * DEG, 9.0 * DEG), accel_bias=(20.0 * MG, 0.0, -70.0 * MG))
+    return judged(shown(lively(), flaws), profile="auto")
+
+
+@golden("attitude")
+def turntable_at_the_start():
+    """Faster than usual biases, about the vertical."""
+    truth = simulate(20.0, 100.0, steady((0.0, 0.0, 12.0 * DEG), -1.0, 2.5))
+    return judged(shown(truth), profile="auto")

@@ -103,3 +103,20 @@ def slip_before_the_heading():
     for name in ("w", "f"):
         samples[name][k] = slipped.inv().apply(samples[name][k])
     return navigated(samples, fixes)
+
+
+@golden("navigation")
+def large_biases():
+    """A gyro of the worst kind, and an accelerometer that does not weigh gravity, at rest at first."""
+    samples, fixes = data(road(60.0, rest=12.0), seed=51)
+    samples["w"] += np.radians([15.0, -12.0, 9.0])
+    samples["f"][:, 2] += 0.6
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
+def large_vertical_bias_under_way():
+    """It is beyond all frame rates of the bank; at first nothing but it turns."""
+    samples, fixes = data(road(100.0, rest=3.0), seed=52)
+    samples["w"] += np.radians([0.0, 0.0, -9.0])
+    return navigated(samples, fixes)

@@ -33,6 +33,17 @@ def vibration_rectified(d, samples, rng):
     return samples
 
 
+def large_gyro_bias(_, samples, rng):
+    """Within the limits of the worst data sheet."""
+    samples["w"] += np.radians(20.0) * rng.uniform(-1.0, 1.0, 3)
+    return samples
+
+
+def large_accel_bias(_, samples, rng):
+    samples["f"] += 0.06 * G * rng.standard_normal(3)
+    return samples
+
+
 def temperature_cycle(_, samples, rng):
     """Biases that swing slowly: sun, rain, a fan."""
     t = np.arange(len(samples)) / RATE
@@ -251,6 +262,8 @@ def seldom(_, fixes, __):
 ERRORS = {
     "none": lambda d, samples, fixes, _: (d, samples, fixes),
     "vibration": on_samples(vibration_rectified),
+    "large gyro bias": on_samples(large_gyro_bias),
+    "large accel bias": on_samples(large_accel_bias),
     "temperature": on_samples(temperature_cycle),
     "clock": on_samples(clock_rate),
     "jitter": on_samples(jitter),

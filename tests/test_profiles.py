@@ -33,6 +33,7 @@ def test_given_settings_replace_the_profiles():
         "gyro_noise": math.radians(0.3) / 60.0,
         "gyro_bias_instability": math.radians(7.2) / 3600.0,
         "gyro_bias_initial": math.radians(1.0),
+        "gyro_bias_wide": math.radians(1.0),  # the user knows the part
         "gyro_scale": 0.002,
         "gyro_misalignment": 0.001,
         "accel_noise": 0.001,

@@ -14,6 +14,7 @@ class Profile:
     gyro_noise: float  # angular random walk, (rad/s)/sqrt(Hz)
     gyro_bias_instability: float  # rad/s
     gyro_bias_initial: float  # rad/s, 1 sigma at switch-on
+    gyro_bias_wide: float  # rad/s, the same where the worst parts of the kind have to be covered
     gyro_scale: float  # 1 sigma
     gyro_misalignment: float  # rad, 1 sigma: cross-axis sensitivity
     gyro_range: float  # rad/s
@@ -35,6 +36,7 @@ PROFILES = {
         gyro_noise=0.2 * _DEG / math.sqrt(_HOUR),
         gyro_bias_instability=6.0 * _DEG / _HOUR,
         gyro_bias_initial=0.5 * _DEG,
+        gyro_bias_wide=0.5 * _DEG,
         gyro_scale=0.005,
         gyro_misalignment=0.1 * _DEG,
         gyro_range=300.0 * _DEG,
@@ -45,12 +47,14 @@ PROFILES = {
         accel_range=3.0 * STANDARD_GRAVITY,
     ),
     # a phone- or drone-class part of unknown make: ten times the noise, and biases that need a wide prior
-    # (one real unit in our recordings had 4.5 deg/s); misalignment in proportion to the M-G350's. The limits in the
-    # MPU-6000's data sheet would be twice that; with it steps of the gyro's bias are found too late
+    # (one real unit in our recordings had 4.5 deg/s); misalignment in proportion to the M-G350's. Data sheets allow 20
+    # (MPU-6050), 10 (LSM6DS) or 5 deg/s (ICM-20948): three times the wide sigma, which counts once readings show such a
+    # part; from the start on, steps of the gyro's bias would be found too late
     "consumer-mems": Profile(
         gyro_noise=0.01 * _DEG,
         gyro_bias_instability=20.0 * _DEG / _HOUR,
         gyro_bias_initial=2.0 * _DEG,
+        gyro_bias_wide=7.0 * _DEG,
         gyro_scale=0.01,
         gyro_misalignment=0.0035,
         gyro_range=2000.0 * _DEG,
@@ -78,6 +82,7 @@ PROFILES["crossbow-dmu"] = Profile(
     gyro_noise=2.25 * _DEG / math.sqrt(_HOUR),
     gyro_bias_instability=0.05 * _DEG,
     gyro_bias_initial=1.0 * _DEG,
+    gyro_bias_wide=1.0 * _DEG,
     gyro_scale=0.01,
     gyro_misalignment=0.2 * _DEG,
     gyro_range=100.0 * _DEG,
@@ -113,6 +118,8 @@ def profile_of(settings: Settings) -> Profile:
     name = settings.imu.profile
     profile = PROFILES[DEFAULT if name == "auto" else name]
     known = {field: value * unit for key, field, unit in _OVERRIDES if (value := getattr(settings.noise, key))}
+    if "gyro_bias_initial" in known:
+        known["gyro_bias_wide"] = known["gyro_bias_initial"]
     return replace(profile, **known, **ranges_of(settings))
 
 

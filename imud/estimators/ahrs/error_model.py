@@ -22,7 +22,7 @@ from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GY
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from ...math.rotation import Vector
+    from ...math.rotation import Matrix, Vector
     from .types import Parameters, State
 
 
@@ -74,6 +74,21 @@ def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
     for j in range(3):
         shear(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS + j, -time * columns_of_c[j])
     record_age(s, i, columns_of_c, time)
+
+
+@kernel
+def widen_bias(s: State, added: float, C: Matrix, tilt_s: float, yaw_s: float) -> None:
+    """Add to the variances of the gyro bias; its error has turned the tilt for tilt_s and the yaw for yaw_s by then."""
+    for i in range(3):
+        time = yaw_s if i == 2 else tilt_s
+        row = (time * C[3 * i], time * C[3 * i + 1], time * C[3 * i + 2])
+        shear3(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS, row[0], row[1], row[2])
+    for i in range(3):
+        add_variance(s, GYRO_BIAS + i, added)
+    for i in range(3):
+        time = yaw_s if i == 2 else tilt_s
+        row = (time * C[3 * i], time * C[3 * i + 1], time * C[3 * i + 2])
+        shear3(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS, -row[0], -row[1], -row[2])
 
 
 @unrolled

@@ -117,7 +117,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
 def update_covariance(p: Parameters, s: State) -> None:
     """Propagate the covariance over the interval, fuse the pseudo-measurements, inject the error."""
     propagate_covariance(p, s)
-    if is_coarse(s):
+    if is_coarse(p, s):
         coarse_level(p, s)
         start_hypotheses(p, s)
         restart_variance_factor(s)

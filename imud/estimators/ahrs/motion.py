@@ -38,6 +38,14 @@ def update_scatter(p: Parameters, s: State, dt: float) -> None:
 
 
 @kernel
+def is_beyond_usual_biases(p: Parameters, s: State) -> bool:
+    """Is the mean rate more than what gyros usually have at switch-on?"""
+    w = s.stationarity.w_mean
+    largest = max(abs(w[0]), abs(w[1]), abs(w[2]))
+    return bool(largest * largest > p.tuning.max_bias_sigma**2 * p.gyro_bias_var)
+
+
+@kernel
 def update_travel(p: Parameters, s: State) -> None:
     """Sustained speed and vibration after one covariance interval."""
     c, motion, time = p.tuning, s.motion, s.integrals.time

@@ -32,6 +32,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["gap_s"] = tuning["gap_periods"] / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2
     p["gyro_bias_var"] = profile.gyro_bias_initial**2
+    p["gyro_bias_inflation"] = profile.gyro_bias_wide**2 - p["gyro_bias_var"]
     p["gyro_bias_psd"] = profile.gyro_bias_instability**2
     p["gyro_matrix_var"] = assumed.gyro_scale**2
     p["accel_psd"] = profile.accel_noise**2

@@ -36,6 +36,7 @@ PARAMETERS = np.dtype(
         ("gap_s", "<f8"),  # a longer step between samples is a gap
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
+        ("gyro_bias_inflation", "<f8"),  # (rad/s)^2, added to that if the bias contradicts it
         ("gyro_bias_psd", "<f8"),  # (rad/s)^2/s: one bias instability per root second
         ("gyro_matrix_var", "<f8"),
         ("accel_psd", "<f8"),  # (m/s)^2/s
@@ -156,6 +157,7 @@ STATIONARITY = np.dtype(
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch
         ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias while it is measured
         ("hidden_angle", "<f8"),  # rad, of yaw, that this has made
+        ("unmeasured_s", "<f8"),  # until the first rest
         ("gravity_checked", "<i8"),  # 1: the magnitude of the force at the first rest was compared with gravity
     ],
     align=True,

@@ -29,8 +29,9 @@ from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .attitude_step import level_by_force
 from .divergence import inflate_covariance
-from .error_model import add_bias_variance, add_variance, reset_variance, variance
+from .error_model import add_bias_variance, add_variance, reset_variance, variance, widen_bias
 from .mechanization import compensate_force
+from .motion import is_beyond_usual_biases
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def update_means(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> No
     low = rate2 < c.max_rate_deviation_radps**2 and force2 < c.max_force_deviation_mps2**2
     low = low and force_change2 < c.max_force_change_mps2**2
     low = low and rate_change2 < c.min_bias_sigma_radps**2 + c.rate_change_gate**2 * p.gyro_psd / c.mean_time_s
-    if not low or mean2 > c.max_bias_sigma**2 * p.gyro_bias_var:
+    if not low or mean2 > c.max_bias_sigma**2 * (p.gyro_bias_var + p.gyro_bias_inflation):
         restart_means(s, w, f)
 
 
@@ -93,6 +94,7 @@ def reset_rest(s: State) -> None:
     restart_means_at_last(s)
     s.stationarity.bias_mismatch_s = 0.0
     s.stationarity.gravity_checked = 0
+    s.stationarity.unmeasured_s = 0.0
 
 
 @kernel
@@ -175,16 +177,37 @@ def check_gravity(p: Parameters, s: State) -> None:
     for i in range(3):
         s.stationarity.bg_before[i] = s.nav.bg[i]
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
-    if excess * excess < c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
-        return
+    if excess * excess >= c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
+        widen_accel_bias(p, s, excess)
+
+
+@kernel
+def widen_gyro_bias(p: Parameters, s: State) -> None:
+    """At the first rest: the gyro's bias may be that of the worst parts, and has turned the attitude meanwhile."""
+    q, m = s.nav.q_nb, s.stationarity
+    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    widen_bias(s, p.gyro_bias_inflation, C, m.low_motion_s, m.unmeasured_s + s.levelling.duration)
+    level_by_mean_force(p, s)
+
+
+@kernel
+def widen_accel_bias(p: Parameters, s: State, excess: float) -> None:
+    """The accelerometer is worse than assumed, by an error of `excess`, m/s^2, on one axis.
+
+    Three accelerometers of one sensor are alike: the excess is one observation of the variance of their biases, of as
+    much weight as the profile's.
+    """
+    of_profile = p.accel_bias_var + p.accel_bias_inflation
+    most2 = p.tuning.max_bias_sigma**2 * of_profile  # more is an acceleration
+    of_excess = (0.5 * (of_profile + excess * excess) if excess * excess < most2 else of_profile) - p.accel_bias_var
     for i in range(3):
-        add_variance(s, ACCEL_BIAS + i, p.accel_bias_inflation)
+        add_variance(s, ACCEL_BIAS + i, max(p.accel_bias_inflation, of_excess))
         add_variance(s, ACCEL_SCALE + i, p.accel_scale_inflation)
     for i in range(9):
         add_variance(s, GYRO_MATRIX + i, p.gyro_matrix_inflation)
-    if p.accel_bias_inflation > 0.0:
-        for i in range(2):
-            add_variance(s, ATTITUDE + i, c.relevel_tilt_rad**2)
+    g2, added = s.nav.gravity**2, max(p.accel_bias_inflation, of_excess)
+    for i in range(2):
+        add_variance(s, ATTITUDE + i, p.tuning.relevel_tilt_rad**2 + 4.0 * (added - p.accel_bias_inflation) / g2)
 
 
 @kernel
@@ -294,10 +317,16 @@ def detect_stationary(p: Parameters, s: State) -> bool:
     m.stationary = 0
     m.since_first_s += s.integrals.time
     fade_hidden_tilt(p, s)
+    if m.gravity_checked == 0:
+        m.unmeasured_s += s.integrals.time
     if m.low_motion_s < c.stationary_time_s:
         m.bias_mismatch_s = 0.0
         return False
     if m.gravity_checked == 0:
+        if is_beyond_usual_biases(p, s):
+            if not gravity_is_fixed(p, s) and m.low_motion_s < c.confirmation_time_s:
+                return False
+            widen_gyro_bias(p, s)
         check_gravity(p, s)
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)

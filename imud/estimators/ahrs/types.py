@@ -135,6 +135,7 @@ class Parameters:
     gap_s: float
     gyro_psd: float
     gyro_bias_var: float
+    gyro_bias_inflation: float
     gyro_bias_psd: float
     gyro_matrix_var: float
     accel_psd: float
@@ -232,6 +233,7 @@ class Stationarity:
     hidden_tilt: float
     hidden_turn: Reals
     hidden_angle: float
+    unmeasured_s: float
     gravity_checked: int
 
 

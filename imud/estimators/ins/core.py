@@ -137,6 +137,7 @@ STATIONARITY = np.dtype(
         # of complete windows
         ("mean_w", "<f8", (3,)),
         ("mean_f", "<f8", (3,)),
+        ("steady_f", "<f8", (3,)),  # m/s^2, the mean of the window before the first of those of low motion in a row
         # most that the means have changed lately, squared, per s
         ("level_rate_change2", "<f8"),  # rad^2/s^3
         ("vertical_rate_change2", "<f8"),  # rad^2/s^3

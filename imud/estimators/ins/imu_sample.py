@@ -17,6 +17,7 @@ from .aiding.course_heading import waits_for_course
 from .aiding.forward_axis_search import find_forward_axis
 from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
 from .aiding.zero_velocity import fuse_rest
+from .alignment.fixed_gravity import measure_fixed_gravity
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
@@ -51,6 +52,7 @@ def end_window(p: Parameters, c: Core) -> None:
     classify_window(p, c)
     add_bias_changes(p, c)
     monitor_gravity(p, c)
+    measure_fixed_gravity(p, c)
     at_rest = detect_rest(p, c)
     judge_rest_gap(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:

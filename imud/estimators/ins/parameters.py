@@ -54,6 +54,7 @@ from .aiding import (
 )
 from .alignment import (
     fix_age,
+    fixed_gravity,
     heading_acceptance,
     heading_posterior,
     hypothesis_bank,
@@ -130,6 +131,7 @@ TUNABLES = (
     *in_motion.TUNABLES,
     *heading_acceptance.TUNABLES,
     *modes.TUNABLES,
+    *fixed_gravity.TUNABLES,
     *levelling.TUNABLES,
     *vector_pairs.TUNABLES,
     *vector_levelling.TUNABLES,
@@ -178,6 +180,7 @@ PARAMETERS = np.dtype(
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_bias_psd", "<f8"),  # rad^2/s^3
         ("gyro_bias_sigma", "<f8"),  # rad/s, at switch-on
+        ("gyro_bias_wide", "<f8"),  # rad/s, the same of the worst parts of the kind: after evidence of such a part
         ("gyro_scale", "<f8"),
         ("gyro_misalignment", "<f8"),  # rad
         ("accel_psd", "<f8"),  # m^2/s^3
@@ -216,6 +219,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     r["gyro_psd"] = profile.gyro_noise**2
     r["gyro_bias_psd"] = profile.gyro_bias_instability**2 / r["tuning"]["bias_walk_time_s"]
     r["gyro_bias_sigma"] = profile.gyro_bias_initial
+    r["gyro_bias_wide"] = profile.gyro_bias_wide
     r["gyro_scale"] = profile.gyro_scale
     r["gyro_misalignment"] = profile.gyro_misalignment
     r["accel_psd"] = profile.accel_noise**2

@@ -257,6 +257,9 @@ def classify_window(p: Parameters, c: Core) -> None:
     low_deviation = deviation < p.tuning.max_gyro_ratio * s.gyro_noise_floor and f2 < p.tuning.low_motion_accel**2
     low_motion = low_deviation and steady
     s.low_motion_count = s.low_motion_count + 1 if low_motion else 0
+    if not low_motion:
+        for i in range(3):
+            s.steady_f[i] = s.mean_f[i]
     stationary = low_motion and f2 < p.tuning.stationary_accel**2
     s.stationary_count = s.stationary_count + 1 if stationary else 0
     update_evidence(p, c, elementary.log(max(deviation, least)))

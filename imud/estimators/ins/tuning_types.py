@@ -217,6 +217,11 @@ class Tuning:
     moving_tilt: float
     min_heading_sigma: float
     lost_tilt: float
+    fixed_gravity_windows: int
+    fixed_gravity_magnitude: float
+    fixed_gravity_sigma: float
+    swell_rate: float
+    leaning_share: float
     level_rest_sigma: float
     level_gnss_sigma: float
     level_max_accel: float
@@ -261,6 +266,7 @@ class Tuning:
     min_events: float
     min_events_unknown_rate: float
     correlation_factor: float
+    max_edge_weight: float
     unknown_tilt_accel: float
     heading_fault_angle: float
     heading_fault_gate: float

@@ -31,6 +31,7 @@ class Parameters:
     gyro_psd: float
     gyro_bias_psd: float
     gyro_bias_sigma: float
+    gyro_bias_wide: float
     gyro_scale: float
     gyro_misalignment: float
     accel_psd: float
@@ -117,6 +118,7 @@ class Stationarity:
     sum_force_difference2: float
     mean_w: Reals
     mean_f: Reals
+    steady_f: Reals
     level_rate_change2: float
     vertical_rate_change2: float
     force_change2: float

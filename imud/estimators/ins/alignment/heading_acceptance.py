@@ -9,20 +9,20 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..aiding.forward_axis_search import rotate_scatter
 from ..ekf import (
+    add_correction,
     add_variance,
     cancel_correction,
     innovation_variance,
     rotate_tilt_covariance,
 )
 from ..fusion import NO_GATE, correct_state, gated_update
-from ..mechanization import rotate_attitude
-from ..state import (
-    ATTITUDE,
-)
+from ..mechanization import rotate_attitude, rotation_matrix
+from ..state import ATTITUDE, GYRO_BIAS, HYPOTHESES
 from .force_integrals import rotate_level_frame
 from .heading_posterior import set_prior, solve_heading
+from .hypothesis_bank import frame_rate
 from .modes import set_heading_accuracy
-from .velocity_pairs import vertical_bias_jacobian
+from .velocity_pairs import restart_in_motion_alignment, vertical_bias_jacobian
 
 if TYPE_CHECKING:
     from ..types import Core, HypothesisBank, Parameters
@@ -71,11 +71,28 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
     bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
     rotation2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
     set_prior(c, b.prior)
-    if not accept_heading(p, c, solve_heading(p, c, b, bias_variance)):
+    found = solve_heading(p, c, b, bias_variance)
+    if not accept_heading(p, c, found):
+        if found[3] == 0.0 and found[2] != 0.0:
+            shift_frame_rates(p, c, found[2])
         return False
     for i in range(2):
         add_variance(c, ATTITUDE + i, p.tuning.moving_tilt**2 * min(rotation2, 1.0))
     return True
+
+
+@kernel
+def shift_frame_rates(p: Parameters, c: Core, rate: float) -> None:
+    """Begin anew with other hypotheses: the likeliest was the outermost, beyond the prediction by `rate` (rad/s).
+
+    Where the bias has been measured meanwhile, the prediction itself is beyond them: then they need only be newer.
+    """
+    if abs(c.alignment.bias_correction) < frame_rate(p, HYPOTHESES - 1):
+        C_nb = rotation_matrix(c)
+        for i in range(3):
+            add_correction(c, GYRO_BIAS + i, -rate * C_nb[6 + i])
+        correct_state(p, c)
+    restart_in_motion_alignment(c)
 
 
 @kernel

@@ -64,6 +64,14 @@ TUNABLES = (
         "Simulated starts.",
     ),
     Tunable(
+        "max_edge_weight",
+        0.01,
+        "",
+        "Largest probability of an outermost frame rate with which a heading is accepted.",
+        "Choice: of a posterior that lies within the hypotheses it is far smaller.",
+        high=0.5,
+    ),
+    Tunable(
         "unknown_tilt_accel",
         0.3,
         "m/s^2",
@@ -233,7 +241,8 @@ def solve_heading(
     """Posterior mean of the level frame's heading now (rad), and of its rate that the filter does not predict.
 
     bias_variance: of the vertical gyro bias, rad^2/s^2. Call with the nuisance parameters' prior in b.prior. Returns
-    heading, its sigma (pi: not observable yet), frame rate, its variance, covariance of heading and frame rate.
+    heading, its sigma (pi: not observable yet), frame rate, its variance, covariance of heading and frame rate. Where
+    the rate is beyond all hypotheses, the sigma is pi and the rate that of the nearest, with variance 0.
     """
     unknown = (0.0, math.pi, 0.0, 0.0, 0.0)
     age = 1e-9 * (c.nav.t_ns - c.alignment.origin_ns)
@@ -271,6 +280,12 @@ def solve_heading(
         weight += w
     if not weight > 0.0:
         return unknown
+    edge = max(b.headings[0, 1], b.headings[HYPOTHESES - 1, 1])
+    if edge > p.tuning.max_edge_weight * weight:  # the rate may well be beyond all hypotheses
+        if edge < 0.5 * weight:
+            return unknown
+        outermost = frame_rate(p, 0 if b.headings[0, 1] == edge else HYPOTHESES - 1)
+        return 0.0, math.pi, outermost + c.alignment.bias_correction, 0.0, 0.0
     psi, spread2, rate, rate_variance, covariance = average_hypotheses(b, weight)
     spread2 += (age - mean) ** 2 * inside
     variance = max(rate_variance, 0.0) + inside

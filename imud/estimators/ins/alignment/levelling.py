@@ -15,7 +15,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import gravity
 from ...tuning import Tunable
-from ..ekf import add_variance, innovation_variance, set_jacobian, variance
+from ..ekf import add_correction, add_covariance, add_variance, innovation_variance, set_jacobian, variance
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -92,7 +92,45 @@ def share_excess(p: Parameters, c: Core, length: int, z: float, r: float, axis: 
         return 0.0
     half, g = 0.5 * (z * z - s), gravity(c.nav.lat, c.nav.height)
     add_variance(c, ATTITUDE + 1 - axis, half / (g * g))
+    for i in range(3):
+        v = variance(c, GYRO_BIAS + i)
+        if v > 0.25 * p.gyro_bias_sigma**2:
+            add_variance(c, GYRO_BIAS + i, max(p.gyro_bias_wide**2 - v, 0.0))
     return half
+
+
+@kernel
+def widen_accel_bias(p: Parameters, c: Core, C_nb: Matrix, excess: float) -> None:
+    """At the first rest: a force beyond gravity by `excess`, m/s^2, may show an accelerometer worse than its profile.
+
+    The three of one sensor are alike: the excess is one observation of the variance of their biases, of as much weight
+    as the profile's.
+    """
+    length, prior = 0, p.accel_bias_sigma**2
+    for j in range(3):
+        length = set_jacobian(c, length, ACCEL_BIAS + j, C_nb[6 + j])
+    if excess * excess > prior and innovation_variance(c, length) > 0.5 * prior:
+        for j in range(3):
+            add_variance(c, ACCEL_BIAS + j, 0.5 * (excess * excess - prior))
+
+
+@kernel
+def keep_vertical_bias(p: Parameters, c: Core, C_nb: Matrix, z: float, s: float) -> None:
+    """Take back what the last update, of innovation z and variance s, has learned of the vertical gyro bias.
+
+    While the heading is unknown a level force shows nothing of it: that it seems to comes of a wrong tilt, about which
+    the model is linear. (Schmidt's filter: the bias is considered, not estimated.) Of a known one it takes too little.
+    """
+    part, length = 0.0, 0
+    for i in range(3):
+        part += C_nb[6 + i] * c.scratch.d[GYRO_BIAS + i]
+        length = set_jacobian(c, length, GYRO_BIAS + i, C_nb[6 + i])
+    if innovation_variance(c, length) + part * part / s < 0.25 * p.gyro_bias_sigma**2:
+        return
+    for i in range(3):
+        add_correction(c, GYRO_BIAS + i, -C_nb[6 + i] * part * z / s)
+        for j in range(i, 3):
+            add_covariance(c, GYRO_BIAS + i, GYRO_BIAS + j, C_nb[6 + i] * C_nb[6 + j] * part * part / s)
 
 
 @kernel
@@ -104,6 +142,8 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
     """
     C_nb, g, resting = rotation_matrix(c), gravity(c.nav.lat, c.nav.height), c.stationarity.at_rest != 0
     norm = math.sqrt(fx * fx + fy * fy + fz * fz)
+    if resting:
+        widen_accel_bias(p, c, C_nb, norm - g)
     for i in range(axes):
         # d (C f + phi x C f - C ba) = d (0, 0, -g) along a direction d; the heading error has no effect on it. North
         # and east: phi turns gravity, not the measured force, whose bias would make the filter inconsistent.
@@ -127,7 +167,9 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
         r = sigma * sigma
         if i < 2 and not resting:
             r += share_excess(p, c, length, z, r, i)
-        gated_update(c, length, z, r, NO_GATE)
+        z, s, _ = gated_update(c, length, z, r, NO_GATE)
+        if not resting:
+            keep_vertical_bias(p, c, C_nb, z, s)
     correct_state(p, c)
 
 

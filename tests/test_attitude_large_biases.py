@@ -1,0 +1,38 @@
+"""Sensors far worse than calibrated boards: the attitude filter finds their biases, or says how unsure it is."""
+
+import numpy as np
+import pytest
+from attitude_runs import samples_from, yaw_sigma_deg
+from attitude_simulation import DEG, MG, Flaws, after, errors_deg, simulate, wobble
+from broad import solutions_of
+
+from imud.estimators.records import ATTITUDE_VALID
+
+
+@pytest.mark.parametrize("bias_dps", [(15.0, -12.0, 9.0), (-4.0, 18.0, -16.0), (12.0, 0.0, 3.0)])
+def test_a_gyro_bias_of_the_worst_parts_is_found_at_the_first_rest(bias_dps):
+    truth = simulate(60.0, 100.0, after(6.0, wobble(3, 1.0)), after(6.0, wobble(4, 1.0, 1.0, 4.0)), (20.0, -10.0, 30.0))
+    out = solutions_of(samples_from(truth, Flaws(gyro_bias=tuple(np.multiply(bias_dps, DEG)))))
+    assert np.abs(out["bg"][500] - np.multiply(bias_dps, DEG)).max() < 0.1 * DEG
+    tilt, yaw = errors_deg(out["q_nb"], truth.attitude)
+    turned = np.abs(np.unwrap(yaw, period=360.0) - yaw[0])
+    assert tilt[500:].max() < 2.0
+    assert (turned < np.maximum(5.0, 4.0 * yaw_sigma_deg(out)))[200:].all()
+
+
+def test_a_turn_that_begins_after_the_first_rest_is_no_bias():
+    """A turntable at 12 deg/s: the bias is known by then."""
+    axis = np.array([0.0, 0.0, 12.0 * DEG])
+    truth = simulate(30.0, 100.0, lambda t: axis * ((t > 8.0) & (t < 20.0))[:, None])
+    out = solutions_of(samples_from(truth, Flaws(gyro_bias=(3.0 * DEG, -2.0 * DEG, 1.0 * DEG))))
+    assert np.abs(out["bg"][1950] - np.multiply((3.0, -2.0, 1.0), DEG)).max() < 0.2 * DEG
+
+
+def test_an_accelerometer_that_weighs_wrongly_is_as_bad_level_as_it_is_upright():
+    """70 mg too light at rest: the level axes may be as wrong, of which nothing is seen."""
+    truth = simulate(20.0, 100.0)
+    for level_mg in (0.0, 60.0, 90.0):
+        out = solutions_of(samples_from(truth, Flaws(accel_bias=(level_mg * MG, 0.0, 70.0 * MG))))
+        tilt = errors_deg(out["q_nb"], truth.attitude)[0]
+        sure = (out["status"] & ATTITUDE_VALID) != 0
+        assert (tilt < 3.0 * np.degrees(out["sigma_rpy"][:, :2].max(axis=1)))[sure & (truth.t > 2.0)].all()

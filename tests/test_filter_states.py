@@ -18,9 +18,9 @@ from imud.batch import NO_MEASUREMENT, play
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Navigation, Settings
 from imud.drivers.sample import MOUNTING_UNKNOWN, UNCONFIRMED_RATE
-from imud.estimators.ahrs.solution import write_solution
+from imud.estimators.ahrs.solution import write_solution as write_attitude
 from imud.estimators.filter_states import FILTER_STATES, OncePerPeriod, cells
-from imud.estimators.ins.solution import write_solution
+from imud.estimators.ins.solution import write_solution as write_navigation
 from imud.estimators.ins.state import STATES as ERROR_STATES
 from imud.estimators.records import FIX, SOLUTION
 from imud.filter_state_names import COVARIANCES, STATES
@@ -146,7 +146,7 @@ def test_what_the_attitude_filter_adds_to_its_stated_sigmas_is_in_the_covariance
     s["clipping"]["missing_angle"], s["hypotheses"]["possible_tilt_error"] = 0.1, 0.2
     s["attitude_step"]["possible_tilt_error"], s["motion"]["hidden_tilt"] = 0.3, 0.1
     s["stationarity"]["hidden_tilt"] = 0.2
-    interpreted(write_solution)(record(filter_.parameters), record(filter_.state), flag, out)
+    interpreted(write_attitude)(record(filter_.parameters), record(filter_.state), flag, out)
     P, J = matrix(filter_.filter_states()[0])[6:, 6:], jacobian(out.q_nb)
     assert np.sqrt(np.diag(J @ P @ J.T))[:2] == pytest.approx(out.sigma_rpy[:2], rel=0.05)
     assert out.sigma_rpy[0] == pytest.approx(UNKNOWN_ANGLE if flag else math.sqrt(0.19), rel=0.05)
@@ -179,7 +179,7 @@ def test_what_likely_faults_add_to_a_stated_sigma_is_in_the_covariance(driven):
         core[fault]["heading_variance"] += 1e-3 * k
     core["rest_gap"]["turn2"] += 5e-3
     core["integrity"]["position_inflation"][1] += 4.0
-    in_c(write_solution)(p, core, solution[0])
+    in_c(write_navigation)(p, core, solution[0])
     stated = matrix(filter_.estimator.filter_states(state)[0])
     added = np.zeros((9, 9))
     added[1, 1], added[8, 8] = 4.0, 15e-3

@@ -177,6 +177,8 @@ def accumulate_force(c: Core, delta_v: Vector, dt: float) -> None:
 def interrupt_rest(c: Core) -> None:
     """Restart the counts of low-motion windows: there may have been motion that was not measured."""
     c.stationarity.low_motion_count = c.stationarity.stationary_count = 0
+    for i in range(3):
+        c.stationarity.steady_f[i] = c.stationarity.mean_f[i]
 
 
 @kernel

@@ -18,6 +18,7 @@ from ..ekf import (
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import rotate_attitude, rotation_matrix
 from ..state import ATTITUDE, GYRO_BIAS, HYPOTHESES
+from .fixed_gravity import widen_along
 from .force_integrals import rotate_level_frame
 from .heading_posterior import set_prior, solve_heading
 from .hypothesis_bank import frame_rate
@@ -67,7 +68,13 @@ def rotate_to_north(c: Core, psi: float) -> None:
 
 @kernel
 def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
-    """Rotate the level frame to north if its heading is known well enough; its sigma: alignment.heading_sigma."""
+    """Rotate the level frame to north if its heading is known well enough; its sigma: alignment.heading_sigma.
+
+    Where the vertical gyro bias has been measured beyond all hypotheses since the origin, the bank begins anew.
+    """
+    if abs(c.alignment.bias_correction) >= frame_rate(p, HYPOTHESES - 1):
+        restart_in_motion_alignment(c)
+        return False
     bias_variance = innovation_variance(c, vertical_bias_jacobian(c))
     rotation2 = bias_variance * (1e-9 * (c.nav.t_ns - c.alignment.origin_ns)) ** 2
     set_prior(c, b.prior)
@@ -85,13 +92,14 @@ def find_heading(p: Parameters, c: Core, b: HypothesisBank) -> bool:
 def shift_frame_rates(p: Parameters, c: Core, rate: float) -> None:
     """Begin anew with other hypotheses: the likeliest was the outermost, beyond the prediction by `rate` (rad/s).
 
-    Where the bias has been measured meanwhile, the prediction itself is beyond them: then they need only be newer.
+    Within one step of the prediction the hypotheses need only be newer; else the bias is one of the worst parts'.
     """
-    if abs(c.alignment.bias_correction) < frame_rate(p, HYPOTHESES - 1):
+    if abs(rate) > p.tuning.frame_rate_step:
         C_nb = rotation_matrix(c)
         for i in range(3):
             add_correction(c, GYRO_BIAS + i, -rate * C_nb[6 + i])
         correct_state(p, c)
+        widen_along(p, c, (C_nb[6], C_nb[7], C_nb[8]))
     restart_in_motion_alignment(c)
 
 

@@ -119,13 +119,14 @@ def keep_vertical_bias(p: Parameters, c: Core, C_nb: Matrix, z: float, s: float)
     """Take back what the last update, of innovation z and variance s, has learned of the vertical gyro bias.
 
     While the heading is unknown a level force shows nothing of it: that it seems to comes of a wrong tilt, about which
-    the model is linear. (Schmidt's filter: the bias is considered, not estimated.) Of a known one it takes too little.
+    the model is linear. (Schmidt's filter: the bias is considered, not estimated.) That matters where the bias may be
+    one of the worst parts'; of usual ones it takes too little.
     """
     part, length = 0.0, 0
     for i in range(3):
         part += C_nb[6 + i] * c.scratch.d[GYRO_BIAS + i]
         length = set_jacobian(c, length, GYRO_BIAS + i, C_nb[6 + i])
-    if innovation_variance(c, length) + part * part / s < 0.25 * p.gyro_bias_sigma**2:
+    if innovation_variance(c, length) + part * part / s < 1.1 * p.gyro_bias_sigma**2:
         return
     for i in range(3):
         add_correction(c, GYRO_BIAS + i, -C_nb[6 + i] * part * z / s)

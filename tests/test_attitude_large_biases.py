@@ -28,6 +28,17 @@ def test_a_turn_that_begins_after_the_first_rest_is_no_bias():
     assert np.abs(out["bg"][1950] - np.multiply((3.0, -2.0, 1.0), DEG)).max() < 0.2 * DEG
 
 
+@pytest.mark.parametrize("dps", [10.0, 15.0, 25.0])
+def test_a_turn_from_the_start_that_passes_for_a_bias_is_stated_in_the_yaw(dps):
+    """A turntable: the yaw is turned back when the rate is taken for a bias, by as much as it had turned until then."""
+    truth = simulate(8.0, 100.0, lambda t: np.outer(np.ones_like(t), [0.0, 0.0, dps * DEG]))
+    out = solutions_of(samples_from(truth, Flaws()))
+    yaw = errors_deg(out["q_nb"], truth.attitude)[1]
+    turned = np.abs(np.unwrap(yaw, period=360.0) - yaw[0])
+    assert turned.max() > 20.0
+    assert (turned < np.maximum(5.0, 4.0 * yaw_sigma_deg(out))).all()
+
+
 def test_an_accelerometer_that_weighs_wrongly_is_as_bad_level_as_it_is_upright():
     """70 mg too light at rest: the level axes may be as wrong, of which nothing is seen."""
     truth = simulate(20.0, 100.0)

@@ -271,7 +271,8 @@ def update_hidden_motion(p: Parameters, s: State) -> None:
 
     A constant acceleration is a tilt, a constant turn about the vertical a gyro bias. What moves is shaken, even in its
     quietest moment, by more than the noise of its sensor; and a turn makes one rate of three alike gyros the largest.
-    No such motion lasts. The turn is what the bias known before the first rest does not explain.
+    No such motion lasts. The turn is what the bias known before the first rest does not explain; the yaw has been
+    turned back by it since the start.
     """
     c, m = p.tuning, s.stationarity
     f, w, known = m.f_mean, m.w_mean, m.bg_before
@@ -287,7 +288,8 @@ def update_hidden_motion(p: Parameters, s: State) -> None:
     m.hidden_tilt = math.sqrt(probability_of_motion(p, shaken) * lasting) * c.even_acceleration_mps2 / s.nav.gravity
     for i in range(3):
         m.hidden_turn[i] = root * turn * f[i]
-    turned = root * math.sqrt(turn2) * s.integrals.time
+    since_s = s.integrals.time if m.hidden_angle > 0.0 else m.unmeasured_s + s.levelling.duration
+    turned = root * math.sqrt(turn2) * since_s
     add_variance(s, ATTITUDE + 2, (2.0 * m.hidden_angle + turned) * turned)
     m.hidden_angle += turned
 

@@ -28,6 +28,24 @@ def test_a_turn_that_begins_after_the_first_rest_is_no_bias():
     assert np.abs(out["bg"][1950] - np.multiply((3.0, -2.0, 1.0), DEG)).max() < 0.2 * DEG
 
 
+@pytest.mark.parametrize("dps", [-4.0, -8.0])
+def test_a_slow_turn_against_a_large_bias_is_not_taken_for_a_smaller_one(dps):
+    bias = np.multiply((15.0, -12.0, 9.0), DEG)
+    truth = simulate(80.0, 100.0, lambda t: np.outer((t > 15.0) & (t < 40.0), [0.0, 0.0, dps * DEG]))
+    out = solutions_of(samples_from(truth, Flaws(gyro_bias=tuple(bias))))
+    assert np.abs(out["bg"][[1400, -1]] - bias).max() < 0.1 * DEG
+    yaw = np.unwrap(errors_deg(out["q_nb"], truth.attitude)[1], period=360.0)
+    assert np.abs(yaw[1400:] - yaw[1400]).max() < 5.0
+
+
+def test_a_turn_that_was_taken_for_a_bias_is_found_when_it_ends():
+    """A turntable that turns at 15 deg/s from the start, for 10 s."""
+    truth = simulate(60.0, 100.0, lambda t: np.outer(t < 10.0, [0.0, 0.0, 15.0 * DEG]))
+    out = solutions_of(samples_from(truth, Flaws()))
+    assert out["bg"][900, 2] > 10.0 * DEG
+    assert np.abs(out["bg"][-1]).max() < 0.2 * DEG
+
+
 @pytest.mark.parametrize("dps", [10.0, 15.0, 25.0])
 def test_a_turn_from_the_start_that_passes_for_a_bias_is_stated_in_the_yaw(dps):
     """A turntable: the yaw is turned back when the rate is taken for a bias, by as much as it had turned until then."""

@@ -223,7 +223,11 @@ def rate_contradicts_bias(p: Parameters, s: State) -> bool:
 
 @kernel
 def rate_is_likelier_bias(p: Parameters, s: State) -> bool:
-    """Is the mean rate, which contradicts the known bias, smaller than it, and has it been for long enough?"""
+    """Is the mean rate, which contradicts the known bias, smaller than it, and has it been for long enough?
+
+    Where the known bias is one of the worst parts', a slow turn about one axis can make a rate smaller that is no
+    likelier: then the likelihood has to differ by a factor of e.
+    """
     c, m = p.tuning, s.stationarity
     known2 = shown2 = moved2 = 0.0
     for i in range(3):
@@ -231,7 +235,9 @@ def rate_is_likelier_bias(p: Parameters, s: State) -> bool:
         shown2 += m.w_mean[i] ** 2
         moved2 += (m.f_mean[i] - m.f_at_rest[i]) ** 2
     needed_s = c.confirmation_time_s if moved2 < c.max_force_change_mps2**2 else c.max_curve_time_s
-    return shown2 < known2 and m.bias_mismatch_s > needed_s
+    worst = known2 > c.max_bias_sigma**2 * p.gyro_bias_var
+    least = 2.0 * (p.gyro_bias_var + p.gyro_bias_inflation) if worst else 0.0
+    return known2 - shown2 > least and m.bias_mismatch_s > needed_s
 
 
 @kernel

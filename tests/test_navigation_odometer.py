@@ -13,7 +13,7 @@ from imud.estimators.records import COASTING, HEADING_VALID, MEASUREMENT, ODOMET
 SIGMA = 0.05
 AT_SENSOR = Settings(navigation=Navigation(lever_arm_sigma_m=0.0))  # of the antenna
 WARM = Settings(  # and the receiver does not average
-    navigation=Navigation(lever_arm_sigma_m=0.0, tuning={"warm_up_share": 0.0, "unknown_lag_sigma": 2e-4})
+    navigation=Navigation(lever_arm_sigma_m=0.0, tuning={"warm_up_share": 0.0, "averaging_delay_sigma": 2e-4})
 )
 
 

@@ -23,10 +23,10 @@ DT, PSD, PRIOR_S = 0.01, 0.02, 0.07
 GAINED = 25.0  # 1/s^2, information that P gains in each window of half a second
 
 
-def error_variance(accel, gained=GAINED, lag_s=PRIOR_S, epochs=REPORTED_EPOCHS):
+def error_variance(accel, gained=GAINED, delay_s=PRIOR_S, epochs=REPORTED_EPOCHS):
     """Variance of the error of the time offset after accelerations (n, 3); P gains so much in each window."""
     p = configure(Settings(), 100.0)[0]
-    p["tuning"]["unknown_lag_sigma"] = lag_s
+    p["tuning"]["averaging_delay_sigma"] = delay_s
     c = start(configure(Settings(), 100.0), Initial(lat_deg=50.0, lon_deg=8.0, yaw_deg=10.0))["core"][0, 0]
     c["integrity"]["epochs"] = epochs
     c["alignment"]["mode"] = NAVIGATING
@@ -71,27 +71,27 @@ def test_the_variance_is_that_of_a_filter_which_takes_noise_for_information():
 
 
 def test_a_receiver_may_average_its_positions_until_the_acceleration_has_shown_otherwise():
-    """The variance of P begins with less, which scales what is left of the lag; a survey's log has none."""
+    """The variance of P begins with less, which scales what is left of the delay; a survey's log has none."""
     still, (accel, shown) = np.zeros((100, 3)), turning(60.0, 5.0)
     assert error_variance(still, 0.0, 0.2) == pytest.approx(0.2**2)
     assert error_variance(still, 0.0, 0.2, UNCONFIRMED_EPOCHS) == pytest.approx(PRIOR_S**2)
     assert shown > GAINED
-    without, beside = (error_variance(accel, lag_s=lag_s) for lag_s in (PRIOR_S, 0.2))
+    without, beside = (error_variance(accel, delay_s=delay_s) for delay_s in (PRIOR_S, 0.2))
     left = 1.0 / PRIOR_S**2 / (1.0 / PRIOR_S**2 + GAINED * 119)
     assert beside - without == pytest.approx(left**2 * (0.2**2 - PRIOR_S**2), rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [1300, 1301])
 def test_averaged_positions_of_a_fast_car_are_not_wrong_and_sure(seed):
-    """By half a second, at 30 m/s, and seldom accelerated; before a lag was stated: 145 and 133 s."""
+    """By half a second, at 30 m/s, and seldom accelerated; before a delay was stated: 145 and 133 s."""
     assert (
         accuracy_simulated.figures("motorway", "1 Hz positions", 0.0, seed, error="averaged both")["position s"] < 25.0
     )
 
 
 @pytest.mark.parametrize(("vehicle", "receiver", "seed"), [("helicopter", "1 Hz", 1301), ("aerobatic", "RTK", 1300)])
-def test_the_attitude_that_a_lag_turns_is_not_wrong_and_sure(vehicle, receiver, seed):
-    """In a steady turn a lag looks like a heading; before that was stated: 43 and 35 s."""
+def test_the_attitude_that_a_delay_turns_is_not_wrong_and_sure(vehicle, receiver, seed):
+    """In a steady turn a delay looks like a heading; before that was stated: 43 and 35 s."""
     run = accuracy_simulated.figures(vehicle, receiver, 0.0, seed, error="averaged both")
     assert run["yaw s"] + run["tilt s"] < 8.0
 

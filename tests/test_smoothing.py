@@ -199,7 +199,7 @@ def test_backward_an_epoch_is_as_well_known_as_forward(driven, late_s, sigma_m, 
     core, forward = filter_.state["core"][0, 0], filter_.parameters[0]["tuning"]
     variance = core["cov"]["P"][interpreted(packed_index)(STATES, TIME_OFFSET, TIME_OFFSET)]
     sigma = WIDER * math.sqrt(variance + core["time_evidence"]["missing_variance"])
-    for name in ("reported_epoch_sigma", "survey_epoch_sigma", "time_offset_sigma"):
+    for name in ("reported_epoch_sigma", "survey_epoch_sigma", "time_offset_sigma", "averaging_delay_sigma"):
         assert backward[name] == pytest.approx(min(sigma, forward[name]))
     assert (core["integrity"]["epochs"] == EXACT_EPOCHS) == is_exact == (backward["epoch_mistake_s"] > 0.001)
 

@@ -191,7 +191,7 @@ def backward_tuning(parameters: np.void, state: Records, solution: np.void, fact
     """
     c, tuning = state["core"][0, 0], parameters["tuning"]
     late = factor * math.sqrt(_variance(c, TIME_OFFSET) + float(c["time_evidence"]["missing_variance"]))
-    of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma")
+    of_epochs = ("time_offset_sigma", "reported_epoch_sigma", "survey_epoch_sigma", "averaging_delay_sigma")
     known = {name: min(late, float(tuning[name])) for name in of_epochs}
     if c["integrity"]["epochs"] != EXACT_EPOCHS:
         known["epoch_mistake_s"] = 0.0

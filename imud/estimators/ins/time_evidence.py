@@ -20,7 +20,7 @@ Then the error of the estimate shrinks by the share dR / I only, while both add 
 is the variance of the error; with dR = dI it is that of P. What P has less than S, times v^2 and a^2, is added to the
 stated variances of position and velocity; P does not have it, as its gains would then follow the noise.
 
-S begins with the variance of P, or of a lag that no epoch says if that is more: a receiver may average its positions.
+S begins with the variance of P, or of the delay of a receiver that averages, which no epoch says, if that is more.
 P begins with less, since nearly all receivers do not, and headings would be found later.
 
 Source: Van Trees, Detection, estimation, and modulation theory I (1968), sec. 2.4: the bound by the information; Gelb,
@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("jerk_window_s", 0.5, "s", "Time over which an acceleration is averaged.", "Choice."),
     Tunable(
-        "unknown_lag_sigma",
+        "averaging_delay_sigma",
         0.2,
         "s",
-        "Sigma of the lag of a receiver's positions behind its epochs.",
+        "Sigma of the delay of a receiver's positions behind their epochs by averaging.",
         "Receivers that average over half a second or a second.",
     ),
 )
@@ -90,9 +90,9 @@ def measure_time_evidence(p: Parameters, c: Core, transition: Transition) -> Non
     """After an interval of the covariance: the time offset's variance by what the acceleration has shown until then."""
     g, known = c.time_evidence, 1.0 / max(variance(c, TIME_OFFSET), 1e-12)
     if g.information == 0.0 or c.alignment.mode == COARSE_ALIGNMENT:
-        lag = p.tuning.unknown_lag_sigma if c.integrity.epochs == REPORTED_EPOCHS else 0.0
+        delay = p.tuning.averaging_delay_sigma if c.integrity.epochs == REPORTED_EPOCHS else 0.0
         g.information, g.largest_variance, g.shown = known, 1.0 / known, 0.0
-        g.error_variance = max(1.0 / known, lag * lag)
+        g.error_variance = max(1.0 / known, delay * delay)
     for i in range(3):
         g.velocity_change[i] += transition.delta_v[i]
     g.velocity_variance += transition.velocity_psd * transition.interval

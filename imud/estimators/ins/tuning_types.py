@@ -82,7 +82,7 @@ class Tuning:
     unknown_bias_windows: int
     rest_log_likelihood: float
     jerk_window_s: float
-    unknown_lag_sigma: float
+    averaging_delay_sigma: float
     uere: float
     vertical_ratio: float
     unknown_hdop: float

@@ -97,7 +97,9 @@ def test_watch_merges_like_gpsd(arguments, streaming):
     assert watched(*arguments).streaming == streaming
 
 
-@pytest.mark.parametrize(("raw", "understood"), [("true", 1), ("false", 0), ("0", 0), ("1", 1), ("2", 2), ("3", 2)])
+@pytest.mark.parametrize(
+    ("raw", "understood"), [("true", 1), ("false", 0), ("0", 0), ("1", 1), ("2", 2), ("3", 2), ("2147483647", 2)]
+)
 def test_raw_is_a_number_or_a_truth_value_and_costs_no_other_key(raw, understood):
     policy = watched(b'{"json":true,"raw":%s}' % raw.encode())
     watch = json.loads(watch_object(policy))

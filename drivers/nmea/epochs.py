@@ -52,7 +52,7 @@ class Epoch:
         )
 
     def can_do_without(self, kind: str) -> bool:
-        """Whether it needs no sentence of this kind after one of an earlier burst: sigmas hold for a while, RMC has the rest."""
+        """Whether one more of a kind that came lately adds nothing: sigmas hold for a time, RMC has all else."""
         if kind == "VTG":
             return self.rmc is not None and self.rmc.speed_mps is not None
         return kind == "GST" or (kind == "ZDA" and self.rmc is not None)

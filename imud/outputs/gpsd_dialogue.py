@@ -25,6 +25,7 @@ REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
 _DEVICES_MAX = 4  # libgps loops for ever over a longer list
 _ERROR_MAX = 255
 _RAW_MAX = 2  # of ?WATCH: 1 differs from it only for binary data, which there is none of
+_INT_MAX = 2**31 - 1  # a number of gpsd's clients
 NOT_HTTP = "this port does not speak HTTP"
 
 
@@ -80,7 +81,7 @@ class _WatchArgument(msgspec.Struct):
     enable: bool = True
     json: bool | None = None
     nmea: bool | None = None
-    raw: bool | Annotated[int, msgspec.Meta(ge=0)] | None = None  # whether, as programs write it, or how
+    raw: bool | Annotated[int, number(0, _INT_MAX, "")] | None = None  # some programs write true
     device: str | None = None
     rate: Annotated[float, number(*MESSAGE_RATE_HZ, "Hz")] | None = None
     classes: str | None = msgspec.field(name="class", default=None)

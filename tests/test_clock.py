@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from in_c import in_c
 
 from imud.clocks.counter import new_clock, stamp
+from imud.clocks.line import MAX_WINDOW_NS, POINTS, add_point
 from imud.drivers.jit import kernel
 from imud.sensors.inertial import Inertial
 
@@ -23,6 +24,7 @@ def stamp_all(clock, ticks, arrivals, out):
 
 
 stamp_all = in_c(stamp_all)
+add_point_in_c = in_c(add_point)
 
 
 def stamps(ticks, arrivals, delay_ns=0.0, clock=None):
@@ -419,3 +421,14 @@ def test_the_line_is_fitted_to_the_earliest_arrivals_and_the_means_and_lies_belo
     line = (y - slope * x).min() - depth(y - slope * x)
     assert clock["offset"][0] <= line + 1.0
     assert (y - slope * x - clock["offset"][0]).min() >= -1.0
+
+
+def test_points_from_before_the_line_was_lowered_are_never_fewer_than_none():
+    """All that were there are dropped, one by one, while the line is lowered again and again."""
+    clock = new_clock(PERIOD_NS, 0.0)
+    clock["count"], clock["sound_count"], clock["window_ns"] = POINTS, 1, MAX_WINDOW_NS
+    found = []
+    for _ in range(3):
+        add_point_in_c(clock[0])
+        found.append((int(clock["count"][0]), int(clock["sound_count"][0])))
+    assert found == [(POINTS, 0)] * 3

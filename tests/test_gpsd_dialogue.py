@@ -8,7 +8,7 @@ from gpsd_synthetic import view
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer, devices_object
+from imud.outputs.gpsd_dialogue import Policy, ReceiveBuffer, answer, devices_object, watch_object
 from imud.outputs.gpsd_json import DEFAULT_CLASSES, Report
 from imud.outputs.view import Device, View
 
@@ -95,6 +95,16 @@ def watched(*arguments: bytes) -> Policy:
 )
 def test_watch_merges_like_gpsd(arguments, streaming):
     assert watched(*arguments).streaming == streaming
+
+
+@pytest.mark.parametrize(
+    ("raw", "understood"), [("true", 1), ("false", 0), ("0", 0), ("1", 1), ("2", 2), ("3", 2), ("2147483647", 2)]
+)
+def test_raw_is_a_number_or_a_truth_value_and_costs_no_other_key(raw, understood):
+    policy = watched(b'{"json":true,"raw":%s}' % raw.encode())
+    watch = json.loads(watch_object(policy))
+    assert (watch["json"], watch["raw"]) == (True, understood)
+    assert isinstance(watch["raw"], int) and not isinstance(watch["raw"], bool)
 
 
 @pytest.mark.parametrize(

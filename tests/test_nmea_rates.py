@@ -123,6 +123,30 @@ def test_sigmas_each_second_are_those_of_the_fixes_between():
     assert {fix.sigma_n_m for fix, *_ in found[20:]} == {0.02}
 
 
+@pytest.mark.parametrize("rare", [("GST", 10), ("GST", 2), ("VTG", 10)])
+def test_a_rare_companion_delays_no_fix_once_the_order_is_known(rare):
+    found = received([("GGA", 1), ("RMC", 1), rare], 10, seconds=40)
+    assert len(found) >= 399 and with_speed(found) == len(found)
+    assert max(ready_ms for *_, ready_ms in found[250:]) < 100
+    assert rare[0] != "GST" or {fix.sigma_n_m for fix, *_ in found[20:]} == {0.02}
+
+
+def test_a_companion_that_becomes_frequent_is_waited_for_again():
+    """Then the sigmas are those of the fix's own burst, not of the one before."""
+
+    def burst(k):
+        sigma = f"{k % 10 + 1}.00"
+        gst = sentence("GST", k * 100).split(b"*")[0][1:].decode().replace("0.02,0.02", f"{sigma},{sigma}")
+        return sentence("GGA", k * 100) + sentence("RMC", k * 100) + (line(gst) if k % 10 == 0 or k > 200 else b"")
+
+    decoder, fixes = NmeaDecoder(), []
+    for k in range(300):
+        fixes += decoder.feed(burst(k), (k + 10) * 10**8)
+    assert len(fixes) >= 299
+    assert {fix.sigma_n_m for fix in fixes[20:200]} == {1.0}
+    assert [fix.sigma_n_m for fix in fixes[220:]] == [round(fix.utc_s * 10) % 10 + 1.0 for fix in fixes[220:]]
+
+
 def rmc_at(ms, mode):
     return sentence("RMC", ms).split(b"*")[0][1:-1] + mode
 

@@ -16,6 +16,7 @@ from nmea_lines import gga, line, rmc
 from processes import TIMEOUT_S, daemon, emulator, silent_tty
 from recorded import stored
 
+from imud.commands.status.screen import measurements
 from imud.configuration.settings import Aiding, Gnss, Initial, Settings
 from imud.drivers.dialogue import Exchange
 from imud.drivers.driver import Options
@@ -114,13 +115,28 @@ def test_a_pressure_that_no_barometer_of_use_reports_is_left_out(body):
     """Of one decimal of a bar, or of heights that the source does not take."""
     receiver = Receiver(Nmea(), Gnss(), 0)
     receiver.feed(line(body), SECOND)
-    assert [each.row(SOURCES) for each in receiver.measured] == [None]
+    assert list(receiver.take_measured(SOURCES)) == [] == list(receiver.take_measured(SOURCES))
+    counter = receiver.received["barometer"]
+    assert (counter.count, counter.refused, counter.message.startswith("refused: barometer: ")) == (1, 1, True)
+    table = counter.table(SECOND)
+    assert table["refused"] == 1 and "outside" in table["last_refused"]
+    screen = " ".join(measurements({"sources": {"barometer": table}}))
+    assert "1 of them refused, the last one: barometer: " in screen
 
 
 def test_a_heading_without_any_accuracy_is_left_out():
     heading = Reading("heading", SECOND, 1.0, 90.0, 400.0)
     source, values = measured_of(heading, Gnss(), Aiding())
-    assert NamedMeasurement(source, values, SECOND, SECOND).row(SOURCES) is None
+    with pytest.raises(ValueError, match="sigma_deg is 400, outside"):
+        NamedMeasurement(source, values, SECOND, SECOND).row(SOURCES)
+
+
+def test_what_is_left_out_of_a_log_is_said(tmp_path):
+    bar = line("YXXDR,P,1.2,B,STNP")
+    (tmp_path / "log.nmea").write_bytes(gga() + bar + gga("120001.000") + bar + gga("120002.000"))
+    warnings = []
+    assert not len(readings_of_log(tmp_path / "log.nmea", 43_199, 0, Settings(), SOURCES, warnings.append))
+    assert len(warnings) == 1 and warnings[0].startswith("2 readings for barometer are not used; the first: ")
 
 
 def test_speeds_and_pressures_are_of_their_arrival_and_a_water_speed_needs_to_know_the_current():
@@ -166,7 +182,10 @@ def test_a_log_places_readings_between_the_fixes(tmp_path):
     vbw = [line(f"VDVBW,,,V,{k}.0,,A") for k in range(30)]
     log = b"".join([vbw[29], *(b"".join([gga(f"12000{i}.000"), *vbw[10 * i : 10 * i + 10]]) for i in range(3))])
     (tmp_path / "log.nmea").write_bytes(log + gga("120003.000") + line("IIXDR,P,1.02,B,BARO"))
-    rows = readings_of_log(tmp_path / "log.nmea", 43_199, 0, Settings(gnss=Gnss(latency_s=0.25)), SOURCES)
+    warnings = []
+    given = Settings(gnss=Gnss(latency_s=0.25))
+    rows = readings_of_log(tmp_path / "log.nmea", 43_199, 0, given, SOURCES, warnings.append)
+    assert not warnings
     speeds = rows[rows["kind"] == SOURCES[1].kind]
     assert speeds["value"][:, 0] == pytest.approx(KNOT * np.arange(30))
     assert speeds["t_ns"] == pytest.approx(SECOND * (1.0 + 0.1 * np.arange(30)), abs=2)

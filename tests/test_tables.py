@@ -17,6 +17,7 @@ from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.math.decimal import write_fixed, write_seconds
 from imud.math.rotation import quat_of_euler
+from imud.sensors.gnss import INACCURATE, refusals
 from imud.tables import estimates as estimate_tables
 from imud.tables import inputs as tables
 from imud.tables.imu_table import write_rows
@@ -280,6 +281,18 @@ def test_a_sigma_of_zero_is_unknown_and_a_speed_of_zero_is_not(tmp_path):
     fix = tables.read_fixes(write(tmp_path, "1,35.5,139.5,0,0,0,0,0\n", header), 0)[0]
     assert np.isnan([fix["sigma"][0], fix["sigma_v"][0], fix["hdop"]]).all()
     assert fix["speed"] == 0.0
+
+
+def test_an_accuracy_that_no_receiver_can_have_is_unknown_as_it_is_live(tmp_path):
+    header = "t_s,lat_deg,lon_deg,height_m,sn_m,se_m,sd_m,hdop\n"
+    rows = "1,35.5,139.5,40,1e-9,2e-4,2e-3,1e-4\n2,35.5,139.5,40,5,5,4294967.295,0.4\n3,35.5,139.5,40,2e4,5,5,0.8\n"
+    sure, vague, nowhere = fixes = tables.read_fixes(write(tmp_path, rows, header), 0)
+    assert np.isnan([*sure["sigma"][:2], sure["hdop"]]).all()
+    assert (sure["height"], sure["sigma"][2]) == (40.0, 2e-3)
+    assert np.isnan([vague["height"], vague["sigma"][2]]).all()
+    assert (vague["sigma"][0], vague["hdop"]) == (5.0, 0.4)
+    assert nowhere["sigma"][0] == 2e4
+    assert refusals(fixes, Gnss()) == [None, None, INACCURATE]
 
 
 def test_a_column_that_is_there_twice_is_refused(tmp_path):

@@ -42,7 +42,7 @@ class StatedAccuracy:
             epoch.stated = self._gga.sentence._replace(alt_msl_m=None, geoid_sep_m=None)
         changed = own and self._gga and own.quality != self._gga.sentence.quality
         if epoch.gst is None and self._gst is not None and self._gst.holds(epoch) and not changed:
-            epoch.gst = self._gst.sentence
+            epoch.stated_gst = self._gst.sentence
         elif epoch.gst is not None and epoch.utc_ns is not None:
             self._gst = _Stated(epoch.gst, epoch.utc_ns, _quality(epoch))
         else:
@@ -50,6 +50,11 @@ class StatedAccuracy:
         if own is not None:
             is_timed = own.quality != 0 and epoch.utc_ns is not None
             self._gga = _Stated(own, epoch.utc_ns or 0, _quality(epoch)) if is_timed else None
+
+    def add_late(self, gst: Gst, epoch: Epoch) -> None:
+        """Take a GST of an epoch that is complete: it holds for later ones."""
+        if epoch.utc_ns is not None:
+            self._gst = _Stated(gst, epoch.utc_ns, _quality(epoch))
 
 
 def _quality(epoch: Epoch) -> int | None:

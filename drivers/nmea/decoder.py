@@ -3,17 +3,17 @@
 A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has. Which kind
 of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is ready when the next burst
 begins, or when the line has been silent. A kind that others follow now and then (RMC once a second, GGA ten times) is
-no such ending. GST and ZDA alone make no epoch: in some receivers their time is ahead. VTG, without a time, makes none
-either: it is of the burst that is nearer to it.
+no such ending, unless what follows need not be waited for (GST once a second). GST and ZDA alone make no epoch: in some
+receivers their time is ahead. VTG, without a time, makes none either: it is of the burst that is nearer to it.
 """
 
 import math
 from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
-from .accuracy import StatedAccuracy
+from .accuracy import STATED_NS, StatedAccuracy
 from .burst_order import FIRST_ELSEWHERE, LAST_ELSEWHERE, BurstOrder
-from .content import READERS, Content, GgaGns, GsaMode, RmcGllGroup, Vtg
+from .content import READERS, Content, GgaGns, GsaMode, Gst, RmcGllGroup, Vtg
 from .epochs import DAY_NS, Epoch, contradictory, same_time
 from .gsa_history import GsaHistory
 from .readings import READERS as READINGS
@@ -49,6 +49,8 @@ class NmeaDecoder:
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = BurstOrder(FIRST_ELSEWHERE), BurstOrder(LAST_ELSEWHERE)
         self._accuracy = StatedAccuracy()
+        self._burst = 0  # number of the newest
+        self._came: dict[str, tuple[int, int]] = {}  # by kind that others precede: burst and arrival of its last epoch
         self._held: HeldVtg | None = None
         self._pauses_ns = 0  # since the last sentence
         self._vtg_agrees = True  # with RMC, where there was both
@@ -177,13 +179,24 @@ class NmeaDecoder:
 
     def _join(self, epoch: Epoch, kind: str, content: Content) -> bool:
         """Add a sentence to the epoch; False: that is complete."""
-        self._endings.contradict(epoch.last)
+        if self._is_waited_for(epoch, kind):
+            self._endings.contradict(epoch.last)
+        self._came[kind] = self._burst, epoch.arrival_ns
+        if epoch.done and isinstance(content, Gst):
+            self._accuracy.add_late(content, epoch)
+            return False
         if epoch.done:
             self.counters["late"] += 1
             return False
         epoch.add(kind, content)
         self._idle_ns = 0
         return True
+
+    def _is_waited_for(self, epoch: Epoch, kind: str) -> bool:
+        """Whether a fix is to wait for such a sentence: it comes in each burst, or says what is not known otherwise."""
+        burst, arrival_ns = self._came.get(kind, (0, -STATED_NS))
+        is_rare = burst < self._burst - 1 and epoch.arrival_ns - arrival_ns < STATED_NS
+        return not (is_rare and epoch.can_do_without(kind))
 
     def _is_ending(self, vtg: Sentence) -> bool:
         """Whether VTG is the last sentence of bursts, and this one surely is of the newest."""
@@ -232,6 +245,7 @@ class NmeaDecoder:
         self._beginnings.confirm(kind)
         epoch = self._epoch = Epoch(sentence.arrival_ns, open_time=first)
         self._pause_ns = None
+        self._burst += 1
         for name, (waiting, arrival_ns) in self._waiting.items():
             if isinstance(waiting, Vtg) or same_time(waiting.utc_ns, content.utc_ns):
                 epoch.add(name, waiting)

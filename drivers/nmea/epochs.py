@@ -35,6 +35,7 @@ class Epoch:
     gst: Gst | None = None
     zda: Zda | None = None
     stated: GgaGns | None = None  # quality, satellites and HDOP by an earlier GGA or GNS, where this burst has none
+    stated_gst: Gst | None = None  # the same of the sigmas
 
     def has(self, kind: str) -> bool:
         """Whether a sentence of this kind came already."""
@@ -49,6 +50,12 @@ class Epoch:
             or same_time(utc_ns, self.utc_ns)
             or (self.utc_ns is None and self.open_time and not self.done)
         )
+
+    def can_do_without(self, kind: str) -> bool:
+        """Whether one more of a kind that came lately adds nothing: sigmas hold for a time, RMC has all else."""
+        if kind == "VTG":
+            return self.rmc is not None and self.rmc.speed_mps is not None
+        return kind == "GST" or (kind == "ZDA" and self.rmc is not None)
 
     def add(self, kind: str, content: Content) -> None:
         """Add a sentence."""
@@ -90,7 +97,7 @@ class Epoch:
         motion = self.rmc if self.rmc and self.rmc.speed_mps is not None else self.vtg if with_vtg else None
         dated = self.rmc or self.zda
         height = self.gga or self.gns or self.stated or GgaGns(None, status.quality, None)
-        gst = self.gst or Gst(None, None, None, None)
+        gst = self.gst or self.stated_gst or Gst(None, None, None, None)
         return Fix(
             arrival_ns=self.arrival_ns,
             utc_s=None if self.utc_ns is None else self.utc_ns / 1e9,

@@ -49,7 +49,7 @@ def _merge_windows(clock: Clock) -> None:
             clock.ticks[i - 1], clock.arrivals[i - 1] = clock.ticks[i], clock.arrivals[i]
             clock.mean_ticks[i - 1], clock.mean_arrivals[i - 1] = clock.mean_ticks[i], clock.mean_arrivals[i]
         clock.count -= 1
-        clock.sound_count -= 1
+        clock.sound_count = max(0, clock.sound_count - 1)
         return
     for i in range(clock.count // 2):
         a = clock.arrivals[2 * i] - clock.slope * clock.ticks[2 * i]

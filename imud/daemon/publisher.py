@@ -62,14 +62,15 @@ class Publisher:
 
     def on_readings(self) -> None:
         """Fuse what receivers and other sensors have measured beside positions."""
+        inertial = self._devices.selection.inertial
         for receiver in self._devices.in_use.receivers():
-            if (inertial := self._devices.selection.inertial) is not None and receiver.measured:
-                for each in receiver.measured:
-                    if (row := each.row(inertial.pipeline.filter.estimator.sources)) is not None:
-                        innovations = self._fuse(each.source, inertial, row)
-                        if (recorder := self._recordings.current) and len(innovations):
-                            recorder.record_innovations(innovations)
-            receiver.measured.clear()
+            if inertial is None:
+                receiver.measured.clear()
+                continue
+            for source, row in receiver.take_measured(inertial.pipeline.filter.estimator.sources):
+                innovations = self._fuse(source, inertial, row)
+                if (recorder := self._recordings.current) and len(innovations):
+                    recorder.record_innovations(innovations)
 
     def known_sources(self) -> tuple[AidingSource, ...] | None:
         """The aiding sources that the filter takes; None: there is no filter yet."""

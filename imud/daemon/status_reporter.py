@@ -75,6 +75,10 @@ class StatusReporter:
         self._out_of_limits = self._beyond_limits(now_ns)
         for receiver in self._devices.in_use.receivers():
             self._received_on_ports |= receiver.received
+            for received in receiver.received.values():
+                if received.message:
+                    self._log.warning(received.message)
+                    received.message = ""
         inertial = self._devices.selection.inertial
         self._change_logger.faults("filter", inertial.pipeline.filter.findings() if inertial else (), now_ns)
         self._faults_of_others = {

@@ -24,6 +24,8 @@ from .view import Device
 REQUEST_MAX = 1024  # bytes; gpsd's own limit is 80
 _DEVICES_MAX = 4  # libgps loops for ever over a longer list
 _ERROR_MAX = 255
+_RAW_MAX = 2  # of ?WATCH: 1 differs from it only for binary data, which there is none of
+_INT_MAX = 2**31 - 1  # a number of gpsd's clients
 NOT_HTTP = "this port does not speak HTTP"
 
 
@@ -79,7 +81,7 @@ class _WatchArgument(msgspec.Struct):
     enable: bool = True
     json: bool | None = None
     nmea: bool | None = None
-    raw: Annotated[int, number(0, 2, "")] | None = None  # 1 differs from 2 only for binary data, which there is none of
+    raw: bool | Annotated[int, number(0, _INT_MAX, "")] | None = None  # some programs write true
     device: str | None = None
     rate: Annotated[float, number(*MESSAGE_RATE_HZ, "Hz")] | None = None
     classes: str | None = msgspec.field(name="class", default=None)
@@ -128,7 +130,7 @@ class Policy:
             enable=given.enable,
             json=self.json if given.json is None else given.json,
             nmea=self.nmea if given.nmea is None else given.nmea,
-            raw=self.raw if given.raw is None else given.raw,
+            raw=self.raw if given.raw is None else min(int(given.raw), _RAW_MAX),
             device=self.device if given.device is None else given.device,
             rate_hz=given.rate or self.rate_hz,
             classes=self.classes if given.classes is None else _selected_classes(given.classes),

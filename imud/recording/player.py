@@ -190,12 +190,12 @@ class Player:
 
     def _measured(self, receiver: Receiver) -> None:
         """The readings of a receiver, as `daemon.publisher` uses them."""
-        if (inertial := self._selection.inertial) is not None:
-            filter_ = inertial.pipeline.filter
-            for each in receiver.measured:
-                if (row := each.row(filter_.estimator.sources)) is not None:
-                    self._handlers.aid(row, filter_.aid(row))
-        receiver.measured.clear()
+        if (inertial := self._selection.inertial) is None:
+            receiver.measured.clear()
+            return
+        filter_ = inertial.pipeline.filter
+        for _, row in receiver.take_measured(filter_.estimator.sources):
+            self._handlers.aid(row, filter_.aid(row))
 
     def _aid(self, message: dict[str, Any]) -> None:
         """A measurement of an aiding source; one that this estimator does not take is left out."""

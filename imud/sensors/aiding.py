@@ -30,17 +30,14 @@ class NamedMeasurement:
     arrival_ns: int
 
     def row(self, known: Iterable[AidingSource]) -> Records | None:
-        """As an array of one MEASUREMENT. known: the sources that the estimator takes.
+        """As an array of one MEASUREMENT. known: the sources that the estimator takes; None: this is of another.
 
-        None: it does not take it, or not such values: a pressure in bar of one decimal has a sigma of 700 m.
+        Raises ValueError for impossible values: a pressure in bar of one decimal has a sigma of 700 m.
         """
         for source in known:
             if source.name == self.source:
                 row = np.zeros(1, MEASUREMENT)
-                try:
-                    source.fill(row[0], self.values)
-                except ValueError:
-                    return None
+                source.fill(row[0], self.values)
                 row["t_ns"], row["arrival_ns"] = self.t_ns, self.arrival_ns
                 return row
         return None
@@ -67,6 +64,9 @@ class SourceCounter:
 
     def __init__(self) -> None:
         self.count = self.last_ns = self._second = self._in_second = 0
+        self.refused = 0  # of a receiver's: those with an impossible value
+        self.last_refused: str | None = None
+        self.message = ""  # why the first was refused, until the daemon has logged it
         self.rate = RateMeter()
 
     def add(self, now_ns: int) -> bool:
@@ -80,10 +80,18 @@ class SourceCounter:
         self.last_ns = now_ns
         return True
 
-    def table(self, now_ns: int) -> dict[str, float | None]:
+    def refuse(self, why: str) -> None:
+        """One of those that were counted cannot be used."""
+        self.refused += 1
+        self.last_refused = why
+        if self.refused == 1:
+            self.message = f"refused: {why}; others like it are only counted"
+
+    def table(self, now_ns: int) -> dict[str, Any]:
         """What `imud status` shows."""
         age_s = round((now_ns - self.last_ns) * 1e-9, 3)
-        return {"received": self.count, "rate_hz": self.rate.hz, "age_s": age_s}
+        refused = {"refused": self.refused, "last_refused": self.last_refused} if self.refused else {}
+        return {"received": self.count, "rate_hz": self.rate.hz, "age_s": age_s, **refused}
 
 
 class DatagramDecoder:

@@ -27,10 +27,6 @@ def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def _known(value: float | None, least: float, most: float) -> float:
-    return math.nan if value is None or not least <= value <= most else value
-
-
 _QUALITIES = {6: "6 (dead reckoning by the receiver)", 7: "7 (entered by hand)", 8: "8 (simulated)"}
 
 
@@ -103,21 +99,31 @@ def refusals(fixes: Records, settings: Gnss) -> list[Refusal | None]:
     return found
 
 
+def forget_implausible(fixes: Records) -> None:
+    """Make unknown what no receiver can know (array of FIX, changed): a dilution or sigma below the least, as 0 is, and
+    a height with a sigma of more than SIGMA_MAX_M. A position north and east with such a sigma is refused instead.
+    """
+    sigma, hdop = fixes["sigma"], fixes["hdop"]
+    vague = sigma[:, 2] > SIGMA_MAX_M
+    sigma[vague, 2] = fixes["height"][vague] = math.nan
+    sigma[sigma < LEAST_SIGMA_M] = math.nan
+    hdop[hdop < LEAST_HDOP] = math.nan
+
+
 def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
     """The fix as an array of one FIX. Without a geoid separation the height above sea level must do.
 
-    A dilution or sigma that none can have is one that the receiver does not know, as 0 is.
+    A dilution or sigma that none can have is unknown: see `forget_implausible`.
 
     The height of a two-dimensional fix is an old one that the receiver holds, or a guess: it counts as unknown.
     """
     height = fix.height_m if fix.height_m is not None else fix.alt_msl_m
-    if fix.dimensions == 2 or (fix.sigma_d_m or 0.0) > SIGMA_MAX_M:
+    if fix.dimensions == 2:
         height = None
-    stated = (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)
-    sigma = [_known(sigma, LEAST_SIGMA_M, SIGMA_MAX_M) for sigma in stated]
+    sigma = [_or_nan(stated) for stated in (fix.sigma_n_m, fix.sigma_e_m, fix.sigma_d_m)]
     rounding_m = fix.step_deg * DEGREE_M / math.sqrt(12.0)  # 1 sigma of an error that is evenly distributed
     if rounding_m > COARSE_M:
-        sigma[:2] = [math.hypot(each or 0.0, rounding_m) for each in stated[:2]]
+        sigma[:2] = [math.hypot(each or 0.0, rounding_m) for each in (fix.sigma_n_m, fix.sigma_e_m)]
     row = np.zeros(1, FIX)
     row[0] = (  # in the order of FIX, at once: several times as fast as field by field
         t_ns,
@@ -126,7 +132,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
         math.radians(fix.lon_deg),
         _or_nan(height),
         sigma,
-        _known(fix.hdop, LEAST_HDOP, math.inf),
+        _or_nan(fix.hdop),
         [_or_nan(component) for component in fix.velocity_mps] if fix.velocity_mps else math.nan,
         _or_nan(fix.speed_mps),
         math.radians(_or_nan(fix.course_deg)),
@@ -135,6 +141,7 @@ def record(fix: Fix, t_ns: int, arrival_ns: int) -> Records:
         fix.velocity_sigma_mps or math.nan,
         0,
     )
+    forget_implausible(row)
     return row
 
 

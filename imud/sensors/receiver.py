@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 from imud.drivers.driver import GnssDriver, ReadingDecoder
@@ -11,6 +12,7 @@ from imud.drivers.transport.line import Line
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
+from ..estimators.aiding_source import AidingSource
 from ..estimators.records import NEW_RECEIVER
 from ..math.arrays import Records
 from .aiding import NamedMeasurement, SourceCounter
@@ -95,7 +97,7 @@ class Receiver:
         self._leap_count = 0  # fixes in sequence, each of a time that has not gone on as the arrival
         self._connected_ns = now_ns
         self.received: dict[str, SourceCounter] = {}  # of its readings, by aiding source
-        self.measured: list[NamedMeasurement] = []  # of its readings; who uses them empties it
+        self.measured: list[NamedMeasurement] = []  # of its readings, until they are used
 
     def read(self, line: Line, now_ns: int) -> list[Records]:
         """Fixes (arrays of one FIX) that the new bytes complete. Raises PortLostError."""
@@ -183,6 +185,21 @@ class Receiver:
         self.received.setdefault(source, SourceCounter()).add(reading.arrival_ns)
         self.measured.append(NamedMeasurement(source, values, t_ns, reading.arrival_ns))
         del self.measured[:-_MEASURED_MAX]
+
+    def take_measured(self, known: Iterable[AidingSource]) -> Iterator[tuple[str, Records]]:
+        """Source and measurement (array of one MEASUREMENT) of the readings since the last call.
+
+        known: the sources that the estimator takes; readings of others are left out, impossible ones are counted.
+        """
+        measured, self.measured = self.measured, []
+        for each in measured:
+            try:
+                row = each.row(known)
+            except ValueError as error:
+                self.received[each.source].refuse(f"{each.source}: {error}")
+                continue
+            if row is not None:
+                yield each.source, row
 
     @property
     def last_used_fix(self) -> Fix:

@@ -20,7 +20,7 @@ from ..errors import BadDataError
 from ..estimators.aiding_source import AidingSource
 from ..estimators.records import FIX, MEASUREMENT
 from ..math.arrays import Floats
-from ..sensors.gnss import HEIGHT_MAX_M, SPEED_MAX_MPS
+from ..sensors.gnss import HEIGHT_MAX_M, SPEED_MAX_MPS, forget_implausible
 from .lines import Table, first_bytes, table_of
 
 _SHOWN = 40  # characters of what is no number
@@ -261,20 +261,21 @@ def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
         fix["arrival_ns"] = ns_since(arrival, origin) if math.isfinite(arrival) else fix["t_ns"]
         fix["lat"], fix["lon"] = math.radians(row["lat_deg"]), math.radians(row["lon_deg"])
         fix["height"] = row["height_m"]
-        fix["sigma"] = [_above_zero(row, name) for name in ("sn_m", "se_m", "sd_m")]
+        fix["sigma"] = [row.get(name, math.nan) for name in ("sn_m", "se_m", "sd_m")]
         fix["v"] = [row.get(name, math.nan) for name in ("vn_mps", "ve_mps", "vd_mps")]
         fix["sigma_v"] = [_above_zero(row, name) for name in ("svn_mps", "sve_mps", "svd_mps")]
-        fix["hdop"], speed = _above_zero(row, "hdop"), row.get("speed_mps", math.nan)
+        fix["hdop"], speed = row.get("hdop", math.nan), row.get("speed_mps", math.nan)
         fix["speed"] = math.nan if speed < 0.0 else speed
         fix["course"] = math.radians(row.get("course_deg", math.nan))
         quality, satellites = row.get("quality", math.nan), row.get("satellites", math.nan)
         fix["quality"] = int(quality) if quality >= 0.0 else 1  # NaN, below zero: not known
         fix["satellites"] = -1 if math.isnan(satellites) else int(satellites)
+    forget_implausible(fixes)
     return fixes[np.argsort(fixes["arrival_ns"], kind="stable")]
 
 
 def _above_zero(row: dict[str, float], name: str) -> float:
-    """A sigma, or what stands for one; programs write 0 or -1 for what they do not know: NaN."""
+    """A sigma; programs write 0 or -1 for what they do not know: NaN."""
     value = row.get(name, math.nan)
     return value if value > 0.0 else math.nan
 

@@ -6,7 +6,8 @@ several between two fixes the first has the time of the earlier fix, and the oth
 
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +29,18 @@ _FARTHEST_S = 10.0  # between fixes: what lies between two farther apart has no 
 
 
 def readings_of_log(
-    path: Path, origin: int, first_ns: int, settings: Settings, sources: Iterable[AidingSource]
+    path: Path,
+    origin: int,
+    first_ns: int,
+    settings: Settings,
+    sources: Iterable[AidingSource],
+    warn: Callable[[str], object],
 ) -> Records:
     """Measurements (array of MEASUREMENT) of these sources, in order of arrival, placed as `fixes_of_log` places fixes.
 
-    Raises InputMissingError.
+    warn: is called with what is left out for its impossible values. Raises InputMissingError.
     """
-    rows = [np.zeros(0, MEASUREMENT)]
+    rows, refused = [np.zeros(0, MEASUREMENT)], defaultdict[str, list[str]](list)
     if any(map(_KINDS.search, log_lines(path))):
         fixes, readings, _ = read_log(path, settings.gnss)
         known = tuple(sources)
@@ -44,8 +50,15 @@ def readings_of_log(
             day = round((origin + first_ns * 1e-9 - utc_s) / DAY_S)
             t_ns = round((utc_s + day * DAY_S - origin) * 1e9)
             arrival_ns = t_ns + round(settings.gnss.latency_s * 1e9)
-            if (row := NamedMeasurement(*measured, t_ns, arrival_ns).row(known)) is not None:
+            try:
+                row = NamedMeasurement(*measured, t_ns, arrival_ns).row(known)
+            except ValueError as error:
+                refused[measured[0]].append(str(error))
+                continue
+            if row is not None:
                 rows.append(row)
+    for source, reasons in refused.items():
+        warn(f"{len(reasons)} readings for {source} are not used; the first: {reasons[0]}")
     found = np.concatenate(rows)
     return found[np.argsort(found["arrival_ns"], kind="stable")]
 

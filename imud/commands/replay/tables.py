@@ -3,7 +3,7 @@
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -115,12 +115,14 @@ def _write_innovations(path: Path, origin: int, innovations: list[Records]) -> N
 
 
 def _read_gnss(path: Path | None, origin: int, samples: Records, settings: Settings, left_out: SkippedRows) -> Records:
-    def warn(problem: str) -> None:
-        print(f"imud replay: {path}: {problem}", file=sys.stderr)
-
     if path is None:
         return np.zeros(0, FIX)
-    return fixes_of_file(path, origin, int(samples["t_ns"][0]), settings.gnss, warn, left_out)
+    return fixes_of_file(path, origin, int(samples["t_ns"][0]), settings.gnss, _warning_of(path), left_out)
+
+
+def _warning_of(path: Path) -> Callable[[str], None]:
+    """What prints a problem of a file."""
+    return lambda problem: print(f"imud replay: {path}: {problem}", file=sys.stderr)
 
 
 def _sources(named: list[str], estimator: Estimator) -> list[tuple[AidingSource, Path]]:
@@ -143,7 +145,7 @@ def _readings(
     if path is not None and estimator.sources and is_nmea(path):
         from ...tables.nmea_readings import readings_of_log
 
-        yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources)
+        yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources, _warning_of(path))
 
 
 def _unit_warnings(samples: Records) -> Iterator[str]:

@@ -132,6 +132,10 @@ METRICS = (
     Metric(
         "imud_aiding_refused_total", _COUNTER, "Messages that could not be used.", r"aiding\.refused\.(?P<rule>.+)",
     ),
+    Metric(
+        "imud_aiding_values_refused_total", _COUNTER, "Readings on ports with impossible values.",
+        r"aiding\.sources\.(?P<source>\w+)\.refused",
+    ),
     Metric("imud_clients", _GAUGE, "Connected clients.", r"outputs\.(?P<output>\w+)\.clients"),
     Metric(
         "imud_messages_dropped_total", _COUNTER, "Messages that slow clients lost.",

@@ -63,6 +63,9 @@ def measurements(aiding: Table) -> Iterator[str]:
     for name, source in aiding.get("sources", {}).items():
         rate = f"{source['rate_hz']:.4g}" if "rate_hz" in source else "?"
         yield f"{name}: {source['received']} received, {rate} Hz, the last {source['age_s']:.1f} s ago{_use(source)}"
+        if "refused" in source:
+            text = f"{source['refused']} of them refused, the last one: {source['last_refused']}"
+            yield from textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="  ")
         yield from _estimates(source)
         yield from _share(source)
     if refused := aiding.get("refused"):

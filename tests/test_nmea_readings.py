@@ -24,6 +24,7 @@ from imud.drivers.fix import Reading
 from imud.drivers.nmea.decoder import NmeaDecoder
 from imud.drivers.nmea.driver import RECEIVER, SENSOR, Nmea
 from imud.estimators import registry
+from imud.estimators.aiding_source import AidingSource, ImpossibleValueError
 from imud.recording.messages import ESTIMATE_TABLE, INNOVATION_TABLE
 from imud.recording.player import Handlers, Player
 from imud.recording.source import Recording, adapter
@@ -127,8 +128,20 @@ def test_a_pressure_that_no_barometer_of_use_reports_is_left_out(body):
 def test_a_heading_without_any_accuracy_is_left_out():
     heading = Reading("heading", SECOND, 1.0, 90.0, 400.0)
     source, values = measured_of(heading, Gnss(), Aiding())
-    with pytest.raises(ValueError, match="sigma_deg is 400, outside"):
+    with pytest.raises(ImpossibleValueError, match="sigma_deg is 400, outside"):
         NamedMeasurement(source, values, SECOND, SECOND).row(SOURCES)
+
+
+def test_a_defect_in_a_source_is_no_refused_value(monkeypatch):
+    def broken(*_):
+        raise ValueError("a defect")
+
+    monkeypatch.setattr(AidingSource, "fill", broken)
+    receiver = Receiver(Nmea(), Gnss(), 0)
+    receiver.feed(line("YXXDR,P,1.01325,B,STNP"), SECOND)
+    with pytest.raises(ValueError, match="a defect"):
+        list(receiver.take_measured(SOURCES))
+    assert receiver.received["barometer"].refused == 0 and not receiver.measured
 
 
 def test_what_is_left_out_of_a_log_is_said(tmp_path):

@@ -10,6 +10,10 @@ from .innovation_kinds import InnovationKind
 DEGREE = math.pi / 180.0  # rad
 
 
+class ImpossibleValueError(ValueError):
+    """A number of a measurement is outside what its column allows."""
+
+
 class Column(NamedTuple):
     """A number of a measurement, as users write it. low, high: what is possible, in that unit."""
 
@@ -66,14 +70,14 @@ class AidingSource:
         return [column for column in self.columns if column not in there and column not in self.optional]
 
     def _converted(self, row: Mapping[str, float]) -> Mapping[str, float]:
-        """The row with its columns made of alternatives. Raises ValueError for an impossible one."""
+        """The row with its columns made of alternatives. Raises ImpossibleValueError."""
         found = dict(row)
         for name, (column, convert, low, high) in self.alternatives.items():
             number = row.get(name, math.nan)
             if math.isnan(number) or not math.isnan(row.get(column, math.nan)):
                 continue
             if not low <= number <= high:
-                raise ValueError(f"{name} is {number:g}, outside {low:g} to {high:g}")
+                raise ImpossibleValueError(f"{name} is {number:g}, outside {low:g} to {high:g}")
             found[column] = convert(number)
         if self.combine is not None and all(not math.isnan(row.get(part, math.nan)) for part in self.parts):
             found |= self.combine(*(row[part] for part in self.parts))
@@ -82,7 +86,7 @@ class AidingSource:
     def fill(self, measurement: Any, row: Mapping[str, float]) -> None:
         """Write kind, values and sigmas to a row of MEASUREMENT; row: numbers by column, absent or NaN if not known.
 
-        Raises ValueError for an impossible one.
+        Raises ImpossibleValueError.
         """
         measurement["kind"] = self.kind
         row = self._converted(row)
@@ -91,7 +95,7 @@ class AidingSource:
             for i, (name, column) in enumerate(columns.items()):
                 number = row.get(name, math.nan)
                 if not math.isnan(number) and not column.low <= number <= column.high:
-                    raise ValueError(f"{name} is {number:g}, outside {column.low:g} to {column.high:g}")
+                    raise ImpossibleValueError(f"{name} is {number:g}, outside {column.low:g} to {column.high:g}")
                 numbers[i] = column.factor * number
             measurement[target] = numbers
 

@@ -32,7 +32,7 @@ class NamedMeasurement:
     def row(self, known: Iterable[AidingSource]) -> Records | None:
         """As an array of one MEASUREMENT. known: the sources that the estimator takes; None: this is of another.
 
-        Raises ValueError for impossible values: a pressure in bar of one decimal has a sigma of 700 m.
+        Raises ImpossibleValueError: a pressure in bar of one decimal has a sigma of 700 m.
         """
         for source in known:
             if source.name == self.source:

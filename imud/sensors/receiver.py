@@ -12,7 +12,7 @@ from imud.drivers.transport.line import Line
 from ..clocks.epochs import EpochClock
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
-from ..estimators.aiding_source import AidingSource
+from ..estimators.aiding_source import AidingSource, ImpossibleValueError
 from ..estimators.records import NEW_RECEIVER
 from ..math.arrays import Records
 from .aiding import NamedMeasurement, SourceCounter
@@ -195,7 +195,7 @@ class Receiver:
         for each in measured:
             try:
                 row = each.row(known)
-            except ValueError as error:
+            except ImpossibleValueError as error:
                 self.received[each.source].refuse(f"{each.source}: {error}")
                 continue
             if row is not None:

@@ -16,7 +16,7 @@ from imud.drivers.fix import Fix, Reading
 from imud.drivers.nmea.readings import READERS
 
 from ..configuration.settings import Settings
-from ..estimators.aiding_source import AidingSource
+from ..estimators.aiding_source import AidingSource, ImpossibleValueError
 from ..estimators.records import MEASUREMENT
 from ..math.arrays import Records
 from ..sensors.aiding import NamedMeasurement
@@ -52,7 +52,7 @@ def readings_of_log(
             arrival_ns = t_ns + round(settings.gnss.latency_s * 1e9)
             try:
                 row = NamedMeasurement(*measured, t_ns, arrival_ns).row(known)
-            except ValueError as error:
+            except ImpossibleValueError as error:
                 refused[measured[0]].append(str(error))
                 continue
             if row is not None:

@@ -117,6 +117,6 @@ def large_biases():
 @golden("navigation")
 def large_vertical_bias_under_way():
     """It is beyond all frame rates of the bank; at first nothing but it turns."""
-    samples, fixes = data(road(100.0, rest=3.0), seed=52)
-    samples["w"] += np.radians([0.0, 0.0, -9.0])
+    samples, fixes = data(road(100.0, rest=0.0), seed=52)
+    samples["w"] += np.radians([0.0, 0.0, -7.0])
     return navigated(samples, fixes)

@@ -40,7 +40,7 @@ def count_position(p: Parameters, c: Core, used: bool, after_rejects: bool) -> N
 
 @kernel
 def reject_share(c: Core) -> float:
-    """Share of rejected positions of the last ones."""
+    """Share of the last positions that were rejected."""
     g = c.integrity
     return float(g.position_rejects / max(g.position_uses + g.position_rejects, 1e-9))
 

@@ -37,7 +37,7 @@ from .history import record_coarse, record_restart
 from .integrals import reset_integrals
 from .last_sample import store_first_sample
 from .mechanization import set_attitude
-from .motion import is_beyond_usual_biases, reset_motion, start_motion
+from .motion import begins_at_rest, reset_motion, start_motion
 from .state import ATTITUDE, GYRO_BIAS
 from .stationarity import restart_stationarity
 
@@ -111,8 +111,7 @@ def initialise_attitude(p: Parameters, s: State, f: Vector, last_f: Vector, is_f
 @kernel
 def is_coarse(p: Parameters, s: State) -> bool:
     """Is coarse levelling needed, or has there been low motion since the beginning?"""
-    low_motion = s.stationarity.low_motion_s > 0.5 * s.integrals.time and not is_beyond_usual_biases(p, s)
-    if s.levelling.duration == 0.0 and low_motion:
+    if s.levelling.duration == 0.0 and begins_at_rest(p, s):
         s.levelling.coarse = 0
     return bool(s.levelling.coarse == 1)
 

@@ -46,6 +46,12 @@ def is_beyond_usual_biases(p: Parameters, s: State) -> bool:
 
 
 @kernel
+def begins_at_rest(p: Parameters, s: State) -> bool:
+    """Has there been low motion for most of this interval, at a rate that gyros usually have?"""
+    return bool(s.stationarity.low_motion_s > 0.5 * s.integrals.time and not is_beyond_usual_biases(p, s))
+
+
+@kernel
 def update_travel(p: Parameters, s: State) -> None:
     """Sustained speed and vibration after one covariance interval."""
     c, motion, time = p.tuning, s.motion, s.integrals.time

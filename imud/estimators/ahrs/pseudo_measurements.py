@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from ...compile.jit import kernel
 from .ekf import fuse_state
 from .error_model import add_variance, variance
-from .motion import is_beyond_usual_biases, reset_motion
+from .motion import begins_at_rest, reset_motion
 from .state import GYRO_BIAS, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -56,8 +56,7 @@ def unseen_scatter(p: Parameters, s: State) -> float:
     c, motion = p.tuning, s.motion
     if s.stationarity.gravity_checked == 1:
         return 0.0
-    low_motion = s.stationarity.low_motion_s > 0.5 * s.integrals.time and not is_beyond_usual_biases(p, s)
-    if motion.moving_s == 0.0 and low_motion:
+    if motion.moving_s == 0.0 and begins_at_rest(p, s):
         return 0.0
     motion.moving_s += s.integrals.time
     return float(c.unseen_velocity_var * c.unseen_velocity_time_s / (c.unseen_velocity_time_s + motion.moving_s))

@@ -205,9 +205,9 @@ def widen_accel_bias(p: Parameters, s: State, excess: float) -> None:
         add_variance(s, ACCEL_SCALE + i, p.accel_scale_inflation)
     for i in range(9):
         add_variance(s, GYRO_MATRIX + i, p.gyro_matrix_inflation)
-    g2, added = s.nav.gravity**2, max(p.accel_bias_inflation, of_excess)
-    for i in range(2):
-        add_variance(s, ATTITUDE + i, p.tuning.relevel_tilt_rad**2 + 4.0 * (added - p.accel_bias_inflation) / g2)
+    beyond_profile = max(of_excess - p.accel_bias_inflation, 0.0) / s.nav.gravity**2
+    for i in range(2):  # a bias beyond the profile's has made a tilt; twice its sigma, as its size is a guess
+        add_variance(s, ATTITUDE + i, p.tuning.relevel_tilt_rad**2 + 4.0 * beyond_profile)
 
 
 @kernel

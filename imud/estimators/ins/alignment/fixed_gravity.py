@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
-from ..ekf import add_covariance, innovation_variance, set_jacobian
+from ..ekf import add_covariance, innovation_variance, set_jacobian3
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..state import COARSE_ALIGNMENT, GYRO_BIAS
 
@@ -63,15 +63,6 @@ TUNABLES = (
 
 
 @kernel
-def set_bias_jacobian(c: Core, axis: Vector) -> int:
-    """Set the Jacobian of the gyro bias along `axis` (unit vector, body); returns its length."""
-    length = 0
-    for i in range(3):
-        length = set_jacobian(c, length, GYRO_BIAS + i, axis[i])
-    return length
-
-
-@kernel
 def fuse_across(p: Parameters, c: Core, down: Vector, across: Vector, rate: Vector) -> None:
     """Fuse `rate` (rad/s, body), less the part along `down`, as the gyro bias; across: the axis of the rest of it."""
     other = (
@@ -81,14 +72,14 @@ def fuse_across(p: Parameters, c: Core, down: Vector, across: Vector, rate: Vect
     )
     for axis in (across, other):
         z = axis[0] * rate[0] + axis[1] * rate[1] + axis[2] * rate[2]
-        gated_update(c, set_bias_jacobian(c, axis), z, p.tuning.fixed_gravity_sigma**2, NO_GATE)
+        gated_update(c, set_jacobian3(c, 0, GYRO_BIAS, axis), z, p.tuning.fixed_gravity_sigma**2, NO_GATE)
     correct_state(p, c)
 
 
 @kernel
 def widen_along(p: Parameters, c: Core, down: Vector) -> None:
     """Let the gyro bias along `down` be one of the worst parts'."""
-    missing = p.gyro_bias_wide**2 - innovation_variance(c, set_bias_jacobian(c, down))
+    missing = p.gyro_bias_wide**2 - innovation_variance(c, set_jacobian3(c, 0, GYRO_BIAS, down))
     if missing > 0.0:
         for i in range(3):
             for j in range(i, 3):
@@ -115,8 +106,9 @@ def measure_fixed_gravity(p: Parameters, c: Core) -> None:
     changed = math.sqrt(change2) / (force * s.low_motion_count * s.duration)  # rad/s, that the force turned by
     usual2 = t.limit_sigmas**2 * (p.gyro_bias_sigma**2 + t.swell_rate**2)
     is_bias = across > 4.0 * changed and across > 2.0 * t.leaning_share * abs(along)
+    is_unknown = innovation_variance(c, set_jacobian3(c, 0, GYRO_BIAS, down)) > 0.5 * p.gyro_bias_sigma**2
     if is_bias and across * across > usual2:
         widen_along(p, c, down)
         fuse_across(p, c, down, (x / across, y / across, z / across), w)
-    elif along * along > usual2 and innovation_variance(c, set_bias_jacobian(c, down)) > 0.5 * p.gyro_bias_sigma**2:
+    elif along * along > usual2 and is_unknown:
         widen_along(p, c, down)

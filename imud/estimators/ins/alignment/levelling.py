@@ -15,7 +15,15 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import gravity
 from ...tuning import Tunable
-from ..ekf import add_correction, add_covariance, add_variance, innovation_variance, set_jacobian, variance
+from ..ekf import (
+    add_correction,
+    add_covariance,
+    add_variance,
+    innovation_variance,
+    set_jacobian,
+    set_jacobian3,
+    variance,
+)
 from ..fusion import NO_GATE, correct_state, gated_update
 from ..mechanization import ned_to_body, rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS
@@ -106,9 +114,7 @@ def widen_accel_bias(p: Parameters, c: Core, C_nb: Matrix, excess: float) -> Non
     The three of one sensor are alike: the excess is one observation of the variance of their biases, of as much weight
     as the profile's.
     """
-    length, prior = 0, p.accel_bias_sigma**2
-    for j in range(3):
-        length = set_jacobian(c, length, ACCEL_BIAS + j, C_nb[6 + j])
+    prior, length = p.accel_bias_sigma**2, set_jacobian3(c, 0, ACCEL_BIAS, (C_nb[6], C_nb[7], C_nb[8]))
     if excess * excess > prior and innovation_variance(c, length) > 0.5 * prior:
         for j in range(3):
             add_variance(c, ACCEL_BIAS + j, 0.5 * (excess * excess - prior))
@@ -122,10 +128,9 @@ def keep_vertical_bias(p: Parameters, c: Core, C_nb: Matrix, z: float, s: float)
     the model is linear. (Schmidt's filter: the bias is considered, not estimated.) That matters where the bias may be
     one of the worst parts'; of usual ones it takes too little.
     """
-    part, length = 0.0, 0
+    part, length = 0.0, set_jacobian3(c, 0, GYRO_BIAS, (C_nb[6], C_nb[7], C_nb[8]))
     for i in range(3):
         part += C_nb[6 + i] * c.scratch.d[GYRO_BIAS + i]
-        length = set_jacobian(c, length, GYRO_BIAS + i, C_nb[6 + i])
     if innovation_variance(c, length) + part * part / s < 1.1 * p.gyro_bias_sigma**2:
         return
     for i in range(3):

@@ -14,7 +14,7 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
-from ..ekf import innovation_variance, set_jacobian, variance
+from ..ekf import innovation_variance, set_jacobian3, variance
 from ..mechanization import ned_difference, rotation_matrix
 from ..state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, HORIZONTAL, NAVIGATING, NEVER_NS, TIME_OFFSET, VELOCITY_NOISE
 from .force_integrals import DELTA_V, TIME, Complex, clear_integrals, element, multiply, phasor
@@ -290,10 +290,7 @@ def exceeds_force(p: Parameters, c: Core, vn: float, ve: float, dt: float) -> bo
 def vertical_bias_jacobian(c: Core) -> int:
     """Set the Jacobian of the vertical gyro bias, (C_nb bg)_down; returns its length."""
     C_nb = rotation_matrix(c)
-    length = 0
-    for i in range(3):
-        length = set_jacobian(c, length, GYRO_BIAS + i, C_nb[6 + i])
-    return length
+    return set_jacobian3(c, 0, GYRO_BIAS, (C_nb[6], C_nb[7], C_nb[8]))
 
 
 @kernel

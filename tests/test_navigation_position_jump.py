@@ -36,7 +36,13 @@ def test_the_probability_of_a_jump_is_that_of_bayes(z, variances):
         - multivariate_normal.logpdf(z, cov=np.diag(variances))
     )
     probability = 1.0 / (1.0 + np.exp(-log_odds))
-    assert stated(z, variances) == pytest.approx(probability * np.square(z), rel=1e-9)
+    jump = np.linalg.solve(np.diag(variances) + jump2 * np.eye(2), jump2 * np.array(z))  # its mean, if there is one
+    assert stated(z, variances) == pytest.approx(probability * jump**2, rel=1e-9)
+
+
+def test_the_end_of_an_outage_is_no_jump():
+    """The innovation is the estimate's error: 500 m at a sigma of 200 m is likely, and no jump of some metres."""
+    assert np.sqrt(stated((500.0, 100.0), (4e4, 4e4))).max() < 1.0
 
 
 def test_other_positions_may_have_shown_the_jump_and_what_was_stated_stays():

@@ -90,6 +90,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
         "imud/estimators/ins/integrity/reset_inflation.py",
         "imud/estimators/ins/alignment/force_integrals.py",
         "imud/estimators/ins/alignment/vector_pairs.py",
+        "imud/estimators/ins/alignment/velocity_change.py",
     ),
     ("imud/estimators/ins/fusion.py",),
     ("imud/estimators/ins/bias_changes.py", "imud/estimators/ins/stationarity.py", "imud/estimators/ins/rest.py"),

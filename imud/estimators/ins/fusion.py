@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .alignment.force_integrals import accumulate_integrals, record_corrections
+from .alignment.velocity_change import add_velocity_change
 from .boresights import add_boresights, compute_boresight_gain, propagate_boresights, update_boresights
 from .ekf import apply_gain, compute_gain, cross_covariance, inject_error, innovation
 from .error_model import linearize, propagate_covariance
@@ -54,6 +55,7 @@ def propagate_errors(p: Parameters, c: Core) -> None:
     linearize(p, c, transition)
     accumulate_integrals(c, transition.turn_angle, transition.interval)
     propagate_covariance(p, c, transition)
+    add_velocity_change(c, transition)
     propagate_sensitivities(c, transition)
     propagate_boresights(p, c, transition)
     propagate_learning(p, c, transition)

@@ -407,6 +407,9 @@ class Alignment:
     bias_correction: float
     applied_corrections: Tensor
     corrections: Tensor
+    velocity_known_ns: int
+    known_integral: Reals
+    added_velocity_variance: float
     pair_start_ns: int
     pair_velocity: Reals
     pair_lat: float

@@ -17,6 +17,9 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("bias_correction", "<f8"),  # rad/s, corrections of the vertical gyro bias since the origin
         ("applied_corrections", "<f8", (3, 2)),  # the sum of those that the integrals have had
         ("corrections", "<f8", (3, 2)),  # m/s^2, m/s^3, m/s^2: of tilt, level gyro bias, accelerometer bias, since then
+        ("velocity_known_ns", "<i8"),  # last fix used, or the origin if that is later
+        ("known_integral", "<f8", (2,)),  # m/s, of the level specific force then
+        ("added_velocity_variance", "<f8"),  # m^2/s^2, to each level component since then
         ("pair_start_ns", "<i8"),  # last fix used for alignment
         ("pair_velocity", "<f8", (2,)),  # m/s, its velocity north and east; NaN: it reported none
         ("pair_lat", "<f8"),  # rad, its position

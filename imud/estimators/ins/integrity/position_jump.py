@@ -1,8 +1,9 @@
 """A receiver's positions that jump, as with multipath or another set of satellites, and yet are within their gate.
 
 The estimate follows such a position at a small sigma. The probability of a jump, given the innovation, is that of
-Bayes: without one the innovation has its own variance, with one that of the jumps besides. The expected square of the
-jump is stated as an error of the position; it fades as the GNSS bias does, for jumps end.
+Bayes: without one the innovation has its own variance, with one that of the jumps besides. A jump is the share of the
+innovation that its variance has in both: after an outage, where the estimate is far off, it is no more than elsewhere.
+Its square times the probability is stated as an error of the position; it fades as the GNSS bias does, for jumps end.
 """
 
 from __future__ import annotations
@@ -28,17 +29,24 @@ MAX_EXPONENT = 50.0  # of a probability that is 1 with any prior
 
 
 @kernel
+def jump_share(p: Parameters, variance: float) -> float:
+    """Share of an innovation of this variance, m^2, that is a jump, if there is one."""
+    return float(p.tuning.jump_sigma**2 / (variance + p.tuning.jump_sigma**2))
+
+
+@kernel
 def state_likely_jump(p: Parameters, c: Core, variances: tuple[float, float], least: float) -> None:
     """Before a horizontal position is fused, whose innovations have these variances, m^2: state a likely jump.
 
-    least: probability of a jump that other positions have shown.
+    least: probability that other positions have shown of all of the innovation being an error.
     """
     z, exponent = c.scratch.position_innovation, 0.0
     odds = p.tuning.jump_probability / (1.0 - p.tuning.jump_probability)
     for i in range(2):
-        share = p.tuning.jump_sigma**2 / (variances[i] + p.tuning.jump_sigma**2)
+        share = jump_share(p, variances[i])
         odds *= math.sqrt(1.0 - share)
         exponent += 0.5 * share * z[i] * z[i] / variances[i]
     odds *= elementary.exp(min(exponent, MAX_EXPONENT))
     for i in range(2):
-        inflate_position_to(c, i, max(odds / (1.0 + odds), least) * z[i] * z[i])
+        share = jump_share(p, variances[i])
+        inflate_position_to(c, i, max(odds / (1.0 + odds) * share * share, least) * z[i] * z[i])

@@ -121,6 +121,12 @@ class Tuning:
     reset_s: float
     max_inflation: float
     consistency_gate: float
+    divergence_step_s: float
+    divergence_accel: float
+    divergence_sigmas: float
+    divergence_window_s: float
+    divergence_direction: float
+    divergence_count: int
     drift_reset_s: float
     max_reject_s: float
     max_drift_speed: float
@@ -135,6 +141,7 @@ class Tuning:
     outage_freedom: float
     reset_position_sigma: float
     reset_velocity_sigma: float
+    max_diverging_tilt: float
     reset_heading_sigma: float
     reset_time_sigma: float
     time_tag_tolerance_s: float

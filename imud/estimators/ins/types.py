@@ -244,6 +244,10 @@ class Integrity:
     rejected_velocity: Reals
     rejected_position2: Reals
     rejected_inflation: float
+    divergence_count: int
+    divergence_ns: int
+    diverging_offset: Reals
+    diverging_speed: Reals
     last_lat: float
     last_lon: float
     last_velocity: Reals

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, variance
 from ..glr_tests.compass_offset import is_unconfirmed
@@ -35,6 +36,7 @@ from .gnss_reset import (
     bias_free_innovation,
     inflate_after_outage,
     inflate_to_fix,
+    inflate_to_diverging,
     reset_to_gnss,
 )
 from .wheel_check import wheels_reject, wheels_support
@@ -90,6 +92,39 @@ TUNABLES = (
         "Errors ten times as large as stated; with larger ones the correction of the tilt is not small.",
     ),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
+    Tunable(
+        "divergence_step_s", 0.5, "s", "Least time between rejected positions that are compared.", "Choice."
+    ),
+    Tunable(
+        "divergence_accel",
+        0.2,
+        "m/s^2",
+        "Least acceleration of rejected positions away from the estimate.",
+        "A tilt that is wrong by 1 deg.",
+    ),
+    Tunable("divergence_sigmas", 2.0, "sigma", "Least growth of the speed of rejected positions.", "Two sigma."),
+    Tunable(
+        "divergence_window_s",
+        5.0,
+        "s",
+        "Time without such growth after which rejected positions do not diverge.",
+        "A tilt of 1 deg makes 1 m/s of it.",
+    ),
+    Tunable(
+        "divergence_direction",
+        0.7,
+        "",
+        "Least cosine of the angle between successive velocities away from the estimate.",
+        "45 deg.",
+        high=1.0,
+    ),
+    Tunable(
+        "divergence_count",
+        3,
+        "times",
+        "How often rejected positions have to become faster before the estimate counts as wrong.",
+        "Outliers.",
+    ),
     Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
@@ -214,7 +249,8 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     """Store what the rejected position, of this NIS, says if the estimate is wrong instead of the receiver.
 
     That is the velocity error that explains it, and how far off it is: if rejected positions agree, one of the two
-    places is wrong, the estimate's with a probability that grows with their share. After an outage the estimate is as
+    places is wrong, the estimate's with a probability that grows with their share, or as they move away faster and
+    faster. After an outage the estimate is as
     likely to be wrong, with all errors that have grown since: the stated P is as much larger.
     """
     g = c.integrity
@@ -224,8 +260,10 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     if was_coasting(p, c, g.outage_at_reject_s):
         g.rejected_inflation = nis - 1.0
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
+    share = 0.0 if wheels_support(p, c) else min(g.divergence_count / p.tuning.divergence_count, 1.0)
+    share = max(share, reject_share(c) if agree else 0.0)
     for i in range(2):
-        g.rejected_position2[i] = (reject_share(c) if agree else 0.0) * bias_free_innovation(c, i) ** 2
+        g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
 
 
 @kernel
@@ -271,6 +309,64 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 
 @kernel
+def measure_divergence(p: Parameters, c: Core) -> None:
+    """Count how often the rejected positions in a row have moved away from the estimate faster than before.
+
+    A receiver that jumps stays where it is, and one that drifts does so evenly; what grows faster and faster is the
+    double integral of a wrong acceleration: of a tilt, which makes no more of it than gravity. The speed is that over
+    as short a time as its noise allows.
+    """
+    g = c.integrity
+    if g.reject_count[HORIZONTAL] == 1:
+        moved = c.drift.detected != 0  # the estimate, after the last position that was used
+        g.divergence_count, g.divergence_ns = 0, c.nav.t_ns if moved else c.gnss.last_used_ns
+        for i in range(2):
+            g.diverging_offset[i] = bias_free_innovation(c, i) if moved else 0.0
+            g.diverging_speed[i] = 0.0
+    dt = 1e-9 * (c.nav.t_ns - g.divergence_ns)
+    if dt < p.tuning.divergence_step_s:
+        return
+    walk = 2.0 * c.gnss.reported_sigma[HORIZONTAL] ** 2 / p.tuning.gnss_bias_time_s
+    noise = math.sqrt(2.0 * c.gnss.noise_var[HORIZONTAL] + walk * dt) / dt
+    north = (bias_free_innovation(c, 0) - g.diverging_offset[0]) / dt
+    east = (bias_free_innovation(c, 1) - g.diverging_offset[1]) / dt
+    speed, before = elementary.hypot(north, east), elementary.hypot(g.diverging_speed[0], g.diverging_speed[1])
+    along = north * g.diverging_speed[0] + east * g.diverging_speed[1]
+    growth = speed - before
+    faster = growth > p.tuning.divergence_accel * dt + p.tuning.divergence_sigmas * noise
+    faster &= growth < STANDARD_GRAVITY * dt
+    if faster and (before == 0.0 or along > p.tuning.divergence_direction * speed * before):
+        g.divergence_count += 1
+    elif dt < p.tuning.divergence_window_s:
+        return
+    else:
+        g.divergence_count = 0
+    g.divergence_ns = c.nav.t_ns
+    g.diverging_speed[0], g.diverging_speed[1] = north, east
+    for i in range(2):
+        g.diverging_offset[i] = bias_free_innovation(c, i)
+
+
+@kernel
+def estimate_diverges(p: Parameters, c: Core) -> bool:
+    """Whether the rejected positions show that the estimate runs away; not where wheels support the velocity."""
+    navigates = c.alignment.mode == NAVIGATING and not wheels_support(p, c)
+    return bool(navigates and c.integrity.divergence_count >= p.tuning.divergence_count)
+
+
+@kernel
+def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool:
+    """Whether it is too early to use a rejected position.
+
+    A receiver of centimetres measures the phase of the carriers: it does not go on at a velocity of its own.
+    """
+    if diverges and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
+        return False
+    few = c.integrity.reject_count[HORIZONTAL] <= p.tuning.reset_count and not diverges
+    return bool(few or outage_s <= p.tuning.reset_s or c.integrity.inconsistent_count == 1)
+
+
+@kernel
 def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     """Whether the horizontal position, of this NIS, is accepted; after long rejection the filter is reset to it."""
     g = c.integrity
@@ -292,18 +388,22 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         g.outage_at_reject_s = outage_s
     supported = velocity_is_supported(p, c, fix)
     consistent_s = consistent_for(p, c, supported)
+    measure_divergence(p, c)
+    diverges = estimate_diverges(p, c) and not supported
     state_rejection(p, c, supported, outage_s, nis)
     either = c.drift.detected == BY_POSITIONS and estimate_may_be_wrong(p, c)
     if either:
         state_detected_drift(c)
-    if g.reject_count[HORIZONTAL] <= p.tuning.reset_count or outage_s <= p.tuning.reset_s or g.inconsistent_count == 1:
+    if must_reject(p, c, diverges, outage_s):
         return False
     consistent = consistent_s > (p.tuning.drift_reset_s if c.drift.detected else p.tuning.reset_s)
     drifts = c.drift.detected != 0 and wheels_support(p, c)
     longest_s = p.tuning.wheel_max_reject_s if drifts else p.tuning.max_reject_s
-    if (supported or drift_is_plausible(p, c, fix)) and not consistent and outage_s < longest_s:
+    if (supported or (drift_is_plausible(p, c, fix) and not diverges)) and not consistent and outage_s < longest_s:
         return False
-    if not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
+    if diverges:
+        inflate_to_diverging(p, c, nis)
+    elif not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
         inflate_to_fix(c, nis)
     else:
         reset_to_gnss(p, c, 0, 2, supported, consistent_s)

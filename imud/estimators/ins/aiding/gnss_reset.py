@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_variance, decorrelate, inflate
+from ..ekf import add_variance, decorrelate, inflate, reduce, variance
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
-from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, POSITION, TIME_OFFSET, VELOCITY
+from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
 
 if TYPE_CHECKING:
@@ -43,6 +43,13 @@ TUNABLES = (
         "m/s",
         "Sigma added to a velocity that nothing supports, at a reset.",
         "Choice.",
+    ),
+    Tunable(
+        "max_diverging_tilt",
+        math.radians(10.0),
+        "rad",
+        "Largest tilt sigma to which P is inflated where the estimate runs away.",
+        "Linearization.",
     ),
     Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
     Tunable(
@@ -110,6 +117,22 @@ def inflate_to_fix(c: Core, nis: float) -> None:
     """
     inflate(c, nis)
     for i in range(2):
+        inflate_position(c, i, bias_free_innovation(c, i) ** 2)
+
+
+@kernel
+def inflate_to_diverging(p: Parameters, c: Core, nis: float) -> None:
+    """Multiply P by the NIS of a position from which the estimate runs away, so that it is used.
+
+    A bias or the mounting has changed, say: tilt and velocity have gone wrong together, which a reset of the position
+    would not correct. The heading, which turns slowly meanwhile, is as after a reset. The receiver may be wrong
+    instead, unless it is one of centimetres.
+    """
+    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    heading2 = variance(c, ATTITUDE + 2)
+    inflate(c, max(1.0, min(nis, p.tuning.max_diverging_tilt**2 / tilt2)))
+    reduce(c, ATTITUDE + 2, heading2 + p.tuning.reset_heading_sigma**2)
+    for i in range(2 if c.gnss.reported_sigma[HORIZONTAL] >= p.tuning.survey_sigma else 0):
         inflate_position(c, i, bias_free_innovation(c, i) ** 2)
 
 

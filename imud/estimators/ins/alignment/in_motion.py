@@ -18,6 +18,7 @@ from ..aiding.forward_axis_search import accumulate_scatter
 from ..aiding.gnss_noise import clear_gnss_bias, limit_position_confidence, mark_used, set_speed
 from ..aiding.gnss_velocity import low_speed_variance, velocity_of
 from ..ekf import combine, decorrelate, innovation_variance, standard_deviation, variance
+from ..integrity.reset_inflation import limit_inflation
 from ..lever_arm import antenna_velocity
 from ..mechanization import ned_difference, set_position, set_velocity
 from ..state import ATTITUDE, GNSS_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
@@ -173,4 +174,6 @@ def align_with_fix(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> None:
                 decorrelate(c, VELOCITY + i, p.tuning.max_start_velocity_sigma**2)
         elif c.alignment.last_match_ns == c.nav.t_ns:
             initialize_velocity(p, c, b)
+        if not found:
+            limit_inflation(p, c)
         change_mode(p, c, HEADING_KNOWN)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 
 if TYPE_CHECKING:
-    from ..types import Core
+    from ..types import Core, Parameters
 
 
 @kernel
@@ -32,6 +32,17 @@ def inflate_position_to(c: Core, axis: int, variance: float) -> None:
 def inflate_velocity(c: Core, axis: int, variance: float) -> None:
     """Add `variance` (m^2/s^2) to the velocity inflation along an axis (0 north, 1 east)."""
     c.integrity.velocity_inflation[axis] += variance
+
+
+@kernel
+def limit_inflation(p: Parameters, c: Core) -> None:
+    """The heading has been found: the receiver's velocity changes as the force does, so it is no drift that goes on.
+
+    What may be left is a position that is off by a jump.
+    """
+    for i in range(2):
+        c.integrity.position_inflation[i] = min(c.integrity.position_inflation[i], p.tuning.jump_sigma**2)
+        c.integrity.velocity_inflation[i] = 0.0
 
 
 @kernel

@@ -17,9 +17,10 @@ D = Later(drive, 160.0, speed=12.0)
 PARAMETERS = configure(Settings(), 100.0)
 
 
-def stated(z, variances, least=0.0, before=0.0):
+def stated(z, variances, least=0.0, before=0.0, outage_s=1.0):
     """Position inflation, m^2, after positions with these innovations."""
     c = start(PARAMETERS, Initial())["core"][0, 0].view(np.recarray)
+    c.nav.t_ns, c.gnss.last_used_ns = round(1e9 * outage_s), 0
     c.integrity.position_inflation[:2] = before
     c.scratch.position_innovation[:2] = z
     interpreted(state_likely_jump)(PARAMETERS.view(np.recarray)[0], c, variances, least)
@@ -28,21 +29,23 @@ def stated(z, variances, least=0.0, before=0.0):
 
 @pytest.mark.parametrize("z", [(0.0, 0.0), (4.0, -3.0), (9.0, 2.0), (-8.0, 8.0), (300.0, 0.0)])
 @pytest.mark.parametrize("variances", [(4.0, 6.0), (0.01, 0.02), (900.0, 400.0)])
-def test_the_probability_of_a_jump_is_that_of_bayes(z, variances):
+@pytest.mark.parametrize(("outage_s", "name"), [(1.0, "jump_probability"), (9.0, "reacquired_jump_probability")])
+def test_the_expected_square_of_a_jump_is_that_of_bayes(z, variances, outage_s, name):
     tuning = PARAMETERS[0]["tuning"]
-    prior, jump2 = tuning["jump_probability"], tuning["jump_sigma"] ** 2
+    prior, jump2 = tuning[name], tuning["jump_sigma"] ** 2
     log_odds = np.log(prior / (1.0 - prior)) + (
         multivariate_normal.logpdf(z, cov=np.diag(variances) + jump2 * np.eye(2))
         - multivariate_normal.logpdf(z, cov=np.diag(variances))
     )
     probability = 1.0 / (1.0 + np.exp(-log_odds))
-    jump = np.linalg.solve(np.diag(variances) + jump2 * np.eye(2), jump2 * np.array(z))  # its mean, if there is one
-    assert stated(z, variances) == pytest.approx(probability * jump**2, rel=1e-9)
+    jump = np.linalg.inv(np.diag(1.0 / np.array(variances)) + np.eye(2) / jump2)  # its covariance, if there is one
+    mean = jump @ np.diag(1.0 / np.array(variances)) @ z
+    assert stated(z, variances, outage_s=outage_s) == pytest.approx(probability * (mean**2 + np.diag(jump)), rel=1e-9)
 
 
 def test_the_end_of_an_outage_is_no_jump():
     """The innovation is the estimate's error: 500 m at a sigma of 200 m is likely, and no jump of some metres."""
-    assert np.sqrt(stated((500.0, 100.0), (4e4, 4e4))).max() < 1.0
+    assert np.sqrt(stated((500.0, 100.0), (4e4, 4e4), outage_s=60.0)).max() < 4.0
 
 
 def test_other_positions_may_have_shown_the_jump_and_what_was_stated_stays():

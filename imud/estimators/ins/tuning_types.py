@@ -125,7 +125,7 @@ class Tuning:
     divergence_accel: float
     divergence_sigmas: float
     divergence_window_s: float
-    divergence_direction: float
+    divergence_speed_share: float
     divergence_count: int
     drift_reset_s: float
     max_reject_s: float
@@ -294,6 +294,7 @@ class Tuning:
     max_reject_share: float
     jump_sigma: float
     jump_probability: float
+    reacquired_jump_probability: float
     frozen_min_m: float
     repeated_s: float
     max_held_course_speed: float

@@ -247,7 +247,7 @@ class Integrity:
     divergence_count: int
     divergence_ns: int
     diverging_offset: Reals
-    diverging_speed: Reals
+    diverging_velocity: Reals
     last_lat: float
     last_lon: float
     last_velocity: Reals

@@ -102,27 +102,27 @@ TUNABLES = (
         "Least acceleration of rejected positions away from the estimate.",
         "A tilt that is wrong by 1 deg.",
     ),
-    Tunable("divergence_sigmas", 2.0, "sigma", "Least growth of the speed of rejected positions.", "Two sigma."),
+    Tunable("divergence_sigmas", 2.0, "sigma", "Least change of the velocity of rejected positions.", "Two sigma."),
     Tunable(
         "divergence_window_s",
         5.0,
         "s",
-        "Time without such growth after which rejected positions do not diverge.",
+        "Time without such a change after which rejected positions do not diverge.",
         "A tilt of 1 deg makes 1 m/s of it.",
     ),
     Tunable(
-        "divergence_direction",
-        0.7,
+        "divergence_speed_share",
+        0.5,
         "",
-        "Least cosine of the angle between successive velocities away from the estimate.",
-        "45 deg.",
+        "Least share of the velocity away from the estimate that goes on while it changes.",
+        "After a jump nothing does.",
         high=1.0,
     ),
     Tunable(
         "divergence_count",
         3,
         "times",
-        "How often rejected positions have to become faster before the estimate counts as wrong.",
+        "How often rejected positions have to accelerate away before the estimate counts as wrong.",
         "Outliers.",
     ),
     Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
@@ -260,7 +260,7 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     if was_coasting(p, c, g.outage_at_reject_s):
         g.rejected_inflation = nis - 1.0
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
-    share = 0.0 if wheels_support(p, c) else min(g.divergence_count / p.tuning.divergence_count, 1.0)
+    share = 0.0 if supported or wheels_support(p, c) else min(g.divergence_count / p.tuning.divergence_count, 1.0)
     share = max(share, reject_share(c) if agree else 0.0)
     for i in range(2):
         g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
@@ -310,11 +310,11 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 @kernel
 def measure_divergence(p: Parameters, c: Core) -> None:
-    """Count how often the rejected positions in a row have moved away from the estimate faster than before.
+    """Count how often the rejected positions in a row have accelerated away from the estimate.
 
-    A receiver that jumps stays where it is, and one that drifts does so evenly; what grows faster and faster is the
-    double integral of a wrong acceleration: of a tilt, which makes no more of it than gravity. The speed is that over
-    as short a time as its noise allows.
+    A receiver that jumps stays where it is, and one that drifts does so evenly; what accelerates for long is the double
+    integral of a wrong force: of a tilt, which makes no more of it than gravity, and may turn with the vehicle. The
+    velocities that are compared are those over as short a time as their noise allows.
     """
     g = c.integrity
     if g.reject_count[HORIZONTAL] == 1:
@@ -322,7 +322,7 @@ def measure_divergence(p: Parameters, c: Core) -> None:
         g.divergence_count, g.divergence_ns = 0, c.nav.t_ns if moved else c.gnss.last_used_ns
         for i in range(2):
             g.diverging_offset[i] = bias_free_innovation(c, i) if moved else 0.0
-            g.diverging_speed[i] = 0.0
+            g.diverging_velocity[i] = 0.0
     dt = 1e-9 * (c.nav.t_ns - g.divergence_ns)
     if dt < p.tuning.divergence_step_s:
         return
@@ -330,19 +330,19 @@ def measure_divergence(p: Parameters, c: Core) -> None:
     noise = math.sqrt(2.0 * c.gnss.noise_var[HORIZONTAL] + walk * dt) / dt
     north = (bias_free_innovation(c, 0) - g.diverging_offset[0]) / dt
     east = (bias_free_innovation(c, 1) - g.diverging_offset[1]) / dt
-    speed, before = elementary.hypot(north, east), elementary.hypot(g.diverging_speed[0], g.diverging_speed[1])
-    along = north * g.diverging_speed[0] + east * g.diverging_speed[1]
-    growth = speed - before
-    faster = growth > p.tuning.divergence_accel * dt + p.tuning.divergence_sigmas * noise
-    faster &= growth < STANDARD_GRAVITY * dt
-    if faster and (before == 0.0 or along > p.tuning.divergence_direction * speed * before):
+    along = north * g.diverging_velocity[0] + east * g.diverging_velocity[1]
+    before2 = g.diverging_velocity[0] ** 2 + g.diverging_velocity[1] ** 2
+    change = elementary.hypot(north - g.diverging_velocity[0], east - g.diverging_velocity[1])
+    goes_on = before2 == 0.0 or along > p.tuning.divergence_speed_share * before2
+    accelerates = change > p.tuning.divergence_accel * dt + p.tuning.divergence_sigmas * noise
+    if goes_on and accelerates and change < STANDARD_GRAVITY * dt:
         g.divergence_count += 1
     elif dt < p.tuning.divergence_window_s:
         return
     else:
         g.divergence_count = 0
     g.divergence_ns = c.nav.t_ns
-    g.diverging_speed[0], g.diverging_speed[1] = north, east
+    g.diverging_velocity[0], g.diverging_velocity[1] = north, east
     for i in range(2):
         g.diverging_offset[i] = bias_free_innovation(c, i)
 

@@ -260,8 +260,9 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     if was_coasting(p, c, g.outage_at_reject_s):
         g.rejected_inflation = nis - 1.0
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
-    share = 0.0 if supported or wheels_support(p, c) else min(g.divergence_count / p.tuning.divergence_count, 1.0)
-    share = max(share, reject_share(c) if agree else 0.0)
+    share = reject_share(c) if agree else 0.0
+    if g.divergence_count > 1 and not supported and not wheels_support(p, c):  # the first may be a jump
+        share = max(share, min(g.divergence_count / p.tuning.divergence_count, 1.0))
     for i in range(2):
         g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
 

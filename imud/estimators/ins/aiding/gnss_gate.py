@@ -35,8 +35,8 @@ from .gnss_reset import (
     allow_for_wrong_velocity,
     bias_free_innovation,
     inflate_after_outage,
-    inflate_to_fix,
     inflate_to_diverging,
+    inflate_to_fix,
     reset_to_gnss,
 )
 from .wheel_check import wheels_reject, wheels_support
@@ -92,9 +92,7 @@ TUNABLES = (
         "Errors ten times as large as stated; with larger ones the correction of the tilt is not small.",
     ),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
-    Tunable(
-        "divergence_step_s", 0.5, "s", "Least time between rejected positions that are compared.", "Choice."
-    ),
+    Tunable("divergence_step_s", 0.5, "s", "Least time between rejected positions that are compared.", "Choice."),
     Tunable(
         "divergence_accel",
         0.2,

@@ -17,14 +17,16 @@ from . import elementary
 from .jit import kernel
 
 SPIKES_MAX = 3
-DAMAGED_SPIKES_MAX = 64  # the same on a line that damages nearly all frames
+DAMAGED_SPIKES_MAX = 1000  # the same on a line that damages nearly all frames
 CHANCE = 1e-5  # probability from which it is no chance that so many samples in a row are damaged
+ALIKE, OFTEN_ALIKE = 2, 4  # spikes in a row with nearly the same values that are motion; where most frames break
 GAP_MAX = 8  # ticks beyond which neighbours are not compared
 SPIKE_SHARE = 1.0 / 8.0  # share of a spike's difference that is added to the recent changes
 RATIO = 2.0  # of the largest change lately, that an axis may change in a tick
 DECAY = 1.0 / 1024.0  # by which `recent_change` decays per sample
 BROKEN_SHARE_GAIN = 1.0 / 256.0  # weight of one frame in `broken_share`
-DAMAGING_SHARE = 0.006  # of frames that break: more than one in the time constant. From here on the line damages values
+NEWEST_GAIN = 1.0 / 16.0  # the same in `newest_broken_share`
+DAMAGING_SHARE = 0.003  # of frames that break: one in the time constant. From here on the line damages values
 DAMAGED_RATIO, MEDIAN_GAIN = 8.0, 1.0 / 16.0  # RATIO on such a line: of the median; step with which that is found
 DAMAGED_FLOOR = 1.0 / 16.0  # of `floor`, on such a line
 DAMAGED_GAP_MAX = 128  # GAP_MAX on such a line: whole frames are rare, and the first after a gap may be damaged, too
@@ -38,7 +40,9 @@ SPIKES = np.dtype(
         ("recent_change", "<f8", (6,)),  # largest difference per tick, decaying; if damaging its median
         ("last_spike", "<i8", (6,)),  # the last spike
         ("broken_share", "<f8"),  # of frames that lately broke on the line, where no checksum covers the values
+        ("newest_broken_share", "<f8"),  # the same of the last few frames
         ("damaging", "<i8"),  # 1: beyond DAMAGING_SHARE
+        ("alike", "<i8"),  # spikes in a row that are near each other, on such a line
         ("spike_count", "<i8"),  # spikes in a row
         ("started", "<i8"),
     ],
@@ -49,10 +53,12 @@ SPIKES = np.dtype(
 @kernel
 def count_frame(s: Any, broken: bool) -> None:
     """Count a frame of values without a checksum; broken: bytes before it belong to no frame."""
-    s.broken_share += BROKEN_SHARE_GAIN * ((1.0 if broken else 0.0) - s.broken_share)
+    one = 1.0 if broken else 0.0
+    s.broken_share += BROKEN_SHARE_GAIN * (one - s.broken_share)
+    s.newest_broken_share += NEWEST_GAIN * (one - s.newest_broken_share)
     if s.damaging == 0 and s.broken_share > DAMAGING_SHARE:
         for i in range(6):
-            s.recent_change[i] = 0.0
+            s.recent_change[i] *= RATIO / DAMAGED_RATIO
     s.damaging = 1 if s.broken_share > DAMAGING_SHARE else 0
 
 
@@ -113,9 +119,10 @@ def is_motion(s: Any, ticks: int) -> bool:
     changed = changes_sign(s, ticks)
     if s.damaging == 0:
         return not changed or s.spike_count >= SPIKES_MAX
-    share = min(float(s.broken_share), 0.999)
+    s.alike = s.alike + 1 if is_near_last_spike(s, ticks) else 1
+    share = min(max(float(s.broken_share), float(s.newest_broken_share)), 0.999)
     most = min(max(elementary.log(CHANCE) / elementary.log(share), SPIKES_MAX), DAMAGED_SPIKES_MAX)
-    return is_near_last_spike(s, ticks) or s.spike_count >= most
+    return s.alike >= (ALIKE if share < 0.5 else OFTEN_ALIKE) or s.spike_count >= most
 
 
 @kernel

@@ -84,6 +84,7 @@ class Imu:
     f: Reals
     saturated: int
     outage_s: Reals
+    held_s: float
     integration_time: float
     delta_v: Reals
     delta_theta: Reals

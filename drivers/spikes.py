@@ -18,8 +18,8 @@ from .jit import kernel
 
 SPIKES_MAX = 3
 DAMAGED_SPIKES_MAX = 1000  # the same on a line that damages nearly all frames
-CHANCE = 1e-5  # probability from which it is no chance that so many samples in a row are damaged
-ALIKE, OFTEN_ALIKE = 2, 4  # spikes in a row with nearly the same values that are motion; where most frames break
+CHANCE = 1e-10  # probability from which it is no chance that so many samples in a row are damaged
+ALIKE, OFTEN_ALIKE = 3, 4  # spikes in a row with nearly the same values that are motion; where most frames break
 GAP_MAX = 8  # ticks beyond which neighbours are not compared
 SPIKE_SHARE = 1.0 / 8.0  # share of a spike's difference that is added to the recent changes
 RATIO = 2.0  # of the largest change lately, that an axis may change in a tick

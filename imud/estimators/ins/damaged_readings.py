@@ -71,7 +71,7 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
 
 @kernel
 def add_held_variance(p: Parameters, c: Core, sample: StoredSample, dt: float) -> None:
-    """Add variance for damaged samples, for which the last good one stands; before that is replaced by `sample`, dt s on.
+    """Add variance for damaged samples, for which the last good one stands; `sample` is the next, dt s later.
 
     A gap has a known sample at either end. Here one end is known, so that the variance is four times as large
     (Brownian motion against Brownian bridge); the first good sample shows how far the last one was off.

@@ -79,7 +79,7 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
         add_noise(s, (dw2 + c.gap_rate_psd * dt) * dt * dt / 12.0, (df2 + c.gap_force_psd * dt) * dt * dt / 12.0)
     if last.outage_s > 0.0:
         held2 = last.outage_s * last.outage_s
-        add_noise(s, c.gap_rate_psd * held2 * dt, c.gap_force_psd * held2 * dt)
+        add_noise(s, (c.gap_rate_psd * dt + dw2 / 3.0) * held2, (c.gap_force_psd * dt + df2 / 3.0) * held2)
     if flags & SATURATED:
         limited = flags & (LIMITED_RATE | LIMITED_FORCE)
         if limited != LIMITED_FORCE and flags & (7 * LIMITED_AXES) == 0:  # else `clipping` adds it

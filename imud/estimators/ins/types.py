@@ -264,6 +264,9 @@ class Integrity:
     position_uses: float
     position_rejects: float
     position_returns: float
+    height_ns: int
+    height_uses: float
+    height_rejects: float
 
 
 class ProcessNoise:

@@ -327,7 +327,7 @@ def state_rejected_height(p: Parameters, c: Core, share: float) -> None:
     The first of those in a row may be an outlier, but not one of few.
     """
     g, z = c.integrity, c.scratch.position_innovation[2]
-    is_outlier = g.reject_count[VERTICAL] == 1 and share < p.tuning.max_reject_share
+    is_outlier = g.reject_count[VERTICAL] == 1 and p.tuning.max_reject_share * (g.height_uses + 1.0) >= 1.0
     g.rejected_position2[2] = 0.0 if is_outlier else share * z * z
 
 

@@ -58,10 +58,12 @@ def reject_share(c: Core) -> float:
 
 @kernel
 def share_of_few(p: Parameters, c: Core) -> float:
-    """Share of the positions that are rejected, with one that is not counted yet; 0 unless it is one of few."""
-    rejects = c.integrity.position_rejects + 1.0
-    share = rejects / (c.integrity.position_uses + rejects)
-    return float(share if share > p.tuning.max_reject_share else 0.0)
+    """Share of the last positions that were rejected, with one that is not counted yet; 0 where many were used.
+
+    Few are so many that a single rejected one is more than `max_reject_share` of them.
+    """
+    uses, rejects = c.integrity.position_uses, c.integrity.position_rejects + 1.0
+    return float(rejects / (uses + rejects) if p.tuning.max_reject_share * (uses + 1.0) < 1.0 else 0.0)
 
 
 @kernel

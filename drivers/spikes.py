@@ -63,40 +63,34 @@ def count_frame(s: Any, broken: bool) -> None:
 
 
 @kernel
-def allowed_change(s: Any, i: int) -> float:
-    """How far axis i may change in a tick, LSB."""
+def allowance(s: Any, ticks: int) -> tuple[float, float]:
+    """Factors of `floor` and of `recent_change`, of which the larger product is what an axis may change in `ticks`.
+
+    Motion goes on in many ticks; noise does not, nor does what a line hides that damages most.
+    """
     if s.damaging:
-        return float(max(DAMAGED_FLOOR * s.floor[i], DAMAGED_RATIO * s.recent_change[i]))
-    return float(max(s.floor[i], RATIO * s.recent_change[i]))
-
-
-@kernel
-def growth(s: Any, ticks: int) -> float:
-    """By how much more an axis may change in so many ticks than in one: motion goes on, noise does not."""
-    return float(ticks**0.5) if s.damaging else float(ticks)
-
-
-@kernel
-def limit_of(s: Any, i: int, ticks: int) -> float:
-    """How far axis i may differ from its last good value, LSB."""
-    return allowed_change(s, i) * growth(s, ticks + s.spike_count)
+        growth = ticks**0.5
+        return DAMAGED_FLOOR * growth, DAMAGED_RATIO * growth
+    return 1.0 * ticks, RATIO * ticks
 
 
 @kernel
 def deviates(s: Any, ticks: int) -> bool:
     """Whether any axis differs from its last good value by more than it may. Without branches, to be fast."""
+    floor, ratio = allowance(s, ticks + s.spike_count)
     found = False
     for i in range(6):
-        found |= abs(float(s.raw[i] - s.last_good[i])) > limit_of(s, i, ticks)
+        found |= abs(float(s.raw[i] - s.last_good[i])) > max(floor * s.floor[i], ratio * s.recent_change[i])
     return found
 
 
 @kernel
 def changes_sign(s: Any, ticks: int) -> bool:
     """Whether an axis differs in another direction than at the spike before; stores the directions."""
+    floor, ratio = allowance(s, ticks + s.spike_count)
     changed = False
     for i in range(6):
-        limit = limit_of(s, i, ticks)
+        limit = max(floor * s.floor[i], ratio * s.recent_change[i])
         difference = s.raw[i] - s.last_good[i]
         sign = 1 if difference > limit else -1 if difference < -limit else 0
         changed |= sign not in (0, s.sign[i])
@@ -107,10 +101,12 @@ def changes_sign(s: Any, ticks: int) -> bool:
 @kernel
 def is_near_last_spike(s: Any, ticks: int) -> bool:
     """Whether no axis has changed by more than it may since the spike before."""
+    floor, ratio = allowance(s, ticks)
     near = s.spike_count > 0
     for i in range(6):
-        near &= abs(float(s.raw[i] - s.last_spike[i])) <= allowed_change(s, i) * growth(s, ticks)
-    return near
+        limit = max(floor * s.floor[i], ratio * s.recent_change[i])
+        near &= abs(float(s.raw[i] - s.last_spike[i])) <= limit
+    return bool(near)
 
 
 @kernel
@@ -118,24 +114,25 @@ def is_motion(s: Any, ticks: int) -> bool:
     """Whether a sample that deviates shows motion."""
     changed = changes_sign(s, ticks)
     if s.damaging == 0:
-        return not changed or s.spike_count >= SPIKES_MAX
+        return bool(not changed or s.spike_count >= SPIKES_MAX)
     s.alike = s.alike + 1 if is_near_last_spike(s, ticks) else 1
     share = min(max(float(s.broken_share), float(s.newest_broken_share)), 0.999)
     most = min(max(elementary.log(CHANCE) / elementary.log(share), SPIKES_MAX), DAMAGED_SPIKES_MAX)
-    return s.alike >= (ALIKE if share < 0.5 else OFTEN_ALIKE) or s.spike_count >= most
+    return bool(s.alike >= (ALIKE if share < 0.5 else OFTEN_ALIKE) or s.spike_count >= most)
 
 
 @kernel
 def update_recent_change(s: Any, ticks: int) -> None:
     """The largest change lately; where the line damages values the median of changes."""
     share = 1.0 / ticks
-    for i in range(6):
-        change, recent = abs(s.raw[i] - s.last_good[i]) * share, s.recent_change[i]
-        if s.damaging:
+    if s.damaging:
+        for i in range(6):
+            change, recent = abs(s.raw[i] - s.last_good[i]) * share, s.recent_change[i]
             step = MEDIAN_GAIN * max(recent, DAMAGED_FLOOR * s.floor[i] / DAMAGED_RATIO)
             s.recent_change[i] = recent + step if change > recent else max(recent - step, 0.0)
-        else:
-            s.recent_change[i] = max(recent * (1.0 - DECAY), change)
+        return
+    for i in range(6):
+        s.recent_change[i] = max(s.recent_change[i] * (1.0 - DECAY), abs(s.raw[i] - s.last_good[i]) * share)
 
 
 @kernel

@@ -8,7 +8,6 @@ from .epochs import DAY_NS, SAME_NS, same_time
 
 ESTABLISHED = 2  # score of a kind that was at this end in the last two bursts
 FIRST_ELSEWHERE, LAST_ELSEWHERE = -3, -100  # score of one that was not: others may follow it in one of so many bursts
-
 MISSED = 3  # intervals after which a kind that came regularly is no longer expected
 
 

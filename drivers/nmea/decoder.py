@@ -4,8 +4,8 @@ A new burst begins after a pause, with another time, or with a kind of sentence 
 of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is ready when the next burst
 begins, or when the line has been silent. A kind that others follow now and then (RMC once a second, GGA ten times) is
 no such ending, unless what follows need not be waited for (GST once a second), or comes at equal intervals: then it is
-known which bursts have to wait for it. GST and ZDA alone make no epoch: in some
-receivers their time is ahead. VTG, without a time, makes none either: it is of the burst that is nearer to it.
+known which bursts have to wait for it. GST and ZDA alone make no epoch: in some receivers their time is ahead. VTG,
+without a time, makes none either: it is of the burst that is nearer to it.
 """
 
 import math

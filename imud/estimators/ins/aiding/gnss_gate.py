@@ -216,8 +216,8 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
 
     That is the velocity error that explains it, and how far off it is: if rejected positions agree, one of the two
     places is wrong, the estimate's with a probability that grows with their share; so does the first one, if few have
-    been used before. After an outage the estimate is as
-    likely to be wrong, with all errors that have grown since: the stated P is as much larger.
+    been used before. After an outage the estimate is as likely to be wrong, with all errors that have grown since: the
+    stated P is as much larger.
     """
     g = c.integrity
     most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))

@@ -122,3 +122,37 @@ def test_where_only_the_imu_contradicts_the_positions_it_does_no_longer_than_a_r
     row = figures("helicopter", "1 Hz positions", 0.0, 1303, error="multipath")
     assert row["position m"] < 100.0
     assert row["velocity m/s"] < 10.0
+
+
+@pytest.mark.parametrize("has_velocity", [True, False])
+def test_positions_that_scatter_far_beyond_what_a_receiver_claims_are_soon_stated(has_velocity):
+    """It claims RTK, and states no sigmas. One of two positions is wrong from the first that is rejected on.
+
+    Of 60 s the positions were wrong by 5 sigma for 4 to 6 s, the heights for 12 to 25 s, when nothing stated them.
+    """
+    wrong_s = np.zeros((4, 2))
+    for seed in range(4):
+        rng, d = np.random.default_rng(seed), drive(60.0)
+        samples, fixes = sensed(d, rng), received(d, rng, late=0.1, sigma=0.0, white=5.0, hdop=0.6)
+        fixes["quality"] = 4
+        out = navigate(samples, fixes if has_velocity else without_velocity(fixes))[0]
+        found = np.abs(errors(d, out)[0]) / out["sigma_p"]
+        wrong_s[seed] = (found[:, :2].max(axis=1) > 5.0).sum() / 100.0, (found[:, 2] > 5.0).sum() / 100.0
+    assert (wrong_s.mean(axis=0) < (3.0, 4.0)).all(), wrong_s
+
+
+def test_heights_that_are_rejected_widen_the_stated_sigma_by_their_share():
+    """One alone is an outlier; from the second on the estimate may be the one that is wrong."""
+    samples, fixes = data()[0], data()[1].copy()
+    clean = navigate(samples, fixes)[0]
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    fixes["height"][(t > 60.5) & (t < 63.5)] += 90.0
+    out, rows, _ = navigate(samples, fixes)
+    heights = rows[(rows["kind"] == 2) & (rows["used"] == 0)]
+    assert heights["t_ns"] * 1e-9 - 100.0 == pytest.approx([61.0, 62.0, 63.0])
+    added = np.sqrt(out["sigma_p"][:, 2] ** 2 - clean["sigma_p"][:, 2] ** 2)
+    assert added[at(61.5)] < 1.0
+    past = np.exp(-np.arange(2, 63) / 50.0).sum()  # weights of the heights before, each second
+    share = (1.0 + np.exp(-1.0 / 50.0)) / (1.0 + past)
+    assert added[at(62.5)] == pytest.approx(90.0 * np.sqrt(share), rel=0.1)
+    assert added[at(64.5)] < 1.0, "a height that agrees with the estimate ends it"

@@ -264,3 +264,17 @@ def test_what_an_instrument_repeats_of_a_receiver_on_the_same_line_is_no_fix(shi
     assert len(receiver.fixes) == 20
     is_own = {fix.step_deg < 1e-4 for fix in receiver.fixes}
     assert is_own == {status == "A"}  # where the receiver has none, the plotter has one of its own
+
+
+@pytest.mark.parametrize("order", ["before", "after"])
+def test_a_system_without_a_fix_hides_none_of_another_system(order):
+    """A receiver with a GGA and an RMC of each system: those of BeiDou say that there are no satellites of it."""
+    receiver = Receiver()
+    for k in range(10):
+        gps = gga(at(k)), rmc(at(k))
+        beidou = gga(at(k), rest="0,00,,,M,,M,,"), rmc(at(k), status="V", tail=",,,N")
+        beidou = [line("BD" + sentence.split(b"*")[0].decode()[3:]) for sentence in beidou]
+        receiver.burst(*(beidou + list(gps) if order == "before" else list(gps) + beidou))
+    assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(10)]
+    assert {fix.quality for fix in receiver.fixes} == {1}
+    assert receiver.decoder.counters["no fix"] == 0 and receiver.decoder.status.quality == 1

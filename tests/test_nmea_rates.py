@@ -131,6 +131,33 @@ def test_a_rare_companion_delays_no_fix_once_the_order_is_known(rare):
     assert rare[0] != "GST" or {fix.sigma_n_m for fix, *_ in found[20:]} == {0.02}
 
 
+RARE_ENDS = [
+    (10, [("GGA", 1), ("RMC", 10)]),
+    (10, [("GGA", 1), ("RMC", 50)]),
+    (10, [("GGA", 1), ("RMC", 3)]),
+    (10, [("GGA", 1), ("VTG", 10)]),
+    (10, [("RMC", 1), ("GGA", 10)]),
+    (5, [("GNS", 1), ("RMC", 5)]),
+    (1, [("GGA", 1), ("RMC", 5)]),
+]
+
+
+@pytest.mark.parametrize(("hz", "order"), RARE_ENDS, ids=str)
+@pytest.mark.parametrize("lost", [0, 97])
+def test_what_comes_at_equal_intervals_delays_no_fix_but_its_own_and_is_used(hz, order, lost):
+    """It is waited for where it is due. lost: of so many sentences one; then a single fix may wait for the next."""
+    found = received(order, hz, seconds=300 // hz + 60, lost=lambda k, kind: lost and (k + len(order)) % lost == 0)
+    every = max(often for _, often in order)
+    assert with_speed(found) >= len(found) * (1 if order[0][0] == "RMC" else 1 / every) - 3
+    ready_ms = sorted(ms for *_, ms in found[len(found) // 2 :])
+    assert ready_ms[-1 if lost == 0 else len(ready_ms) * 49 // 50] < 60
+
+
+def test_what_no_longer_comes_is_not_waited_for():
+    found = received([("GGA", 1), ("RMC", 10)], 10, seconds=60, lost=lambda k, kind: kind == "RMC" and k > 300)
+    assert max(ready_ms for *_, ready_ms in found[400:]) < 60
+
+
 def test_a_companion_that_becomes_frequent_is_waited_for_again():
     """Then the sigmas are those of the fix's own burst, not of the one before."""
 

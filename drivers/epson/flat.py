@@ -16,6 +16,7 @@ Every decision is a function of the bytes alone, never of the chunks in which th
 from typing import Any
 
 from ..jit import kernel
+from ..spikes import count_frame
 from ..words import Bytes, byte, move_to_front, signed, word
 from .counting import ticks_since
 from .dialects import FLAT
@@ -106,6 +107,7 @@ def emit(s: Any, rx: Bytes, p: int, sample: Any) -> int:
     """The frame at p as a sample; returns how many that are."""
     missing = (s.gap + s.length // 2) // s.length if s.gap > 0 else 0
     count = word(rx, p + COUNT) if s.length == LONG else -1
+    count_frame(s.spikes, s.gap > 0 and s.frames > 0)
     s.unconfirmed, s.covered, s.gap = 1, 0, 0
     if is_repeated(s, word(rx, p + 1), count):
         return 0

@@ -3,8 +3,9 @@
 A new burst begins after a pause, with another time, or with a kind of sentence that the epoch already has. Which kind
 of sentence ends a burst is learned; then the fix is ready with that sentence. Otherwise it is ready when the next burst
 begins, or when the line has been silent. A kind that others follow now and then (RMC once a second, GGA ten times) is
-no such ending, unless what follows need not be waited for (GST once a second). GST and ZDA alone make no epoch: in some
-receivers their time is ahead. VTG, without a time, makes none either: it is of the burst that is nearer to it.
+no such ending, unless what follows need not be waited for (GST once a second), or comes at equal intervals: then it is
+known which bursts have to wait for it. GST and ZDA alone make no epoch: in some receivers their time is ahead. VTG,
+without a time, makes none either: it is of the burst that is nearer to it.
 """
 
 import math
@@ -12,7 +13,7 @@ from collections import Counter
 
 from ..fix import Fix, Reading, ReceiverStatus, Sky
 from .accuracy import STATED_NS, StatedAccuracy
-from .burst_order import FIRST_ELSEWHERE, LAST_ELSEWHERE, BurstOrder
+from .burst_order import FIRST_ELSEWHERE, LAST_ELSEWHERE, BurstOrder, RegularKinds
 from .content import READERS, Content, GgaGns, GsaMode, Gst, RmcGllGroup, Vtg
 from .epochs import DAY_NS, Epoch, contradictory, same_time
 from .gsa_history import GsaHistory
@@ -48,6 +49,7 @@ class NmeaDecoder:
         self._splitter = Splitter(self.counters, unchecked)
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = BurstOrder(FIRST_ELSEWHERE), BurstOrder(LAST_ELSEWHERE)
+        self._regular = RegularKinds()
         self._accuracy = StatedAccuracy()
         self._burst = 0  # number of the newest
         self._came: dict[str, tuple[int, int]] = {}  # by kind that others precede: burst and arrival of its last epoch
@@ -167,19 +169,42 @@ class NmeaDecoder:
         elif kind in COMPANIONS:
             self._waiting[kind] = content, sentence.arrival_ns
             return []
-        elif epoch is not None and not epoch.done and same_time(content.utc_ns, epoch.utc_ns):
-            self.counters["repeated"] += 1  # by another talker
+        elif epoch is not None and self._is_of_other_talker(sentence, content, epoch):
+            self.counters["repeated"] += 1
+            if isinstance(content, GgaGns | RmcGllGroup) and content.quality and epoch.lacks_fix(kind):
+                epoch.add(kind, content)
             return []
         elif self._is_echo(sentence, content.utc_ns):
             self.counters["repeated"] += 1
             return []
         else:
             return self._begin(sentence, content, after_pause)
-        return self._finish() if self._endings.is_established(kind) else []
+        return self._finish() if self._is_complete(kind) else []
+
+    def _is_of_other_talker(self, sentence: Sentence, content: Content, epoch: Epoch) -> bool:
+        """Whether it is of the epoch's time, as of a receiver with a sentence of each system; some may have no fix."""
+        if not same_time(content.utc_ns, epoch.utc_ns):
+            return False
+        without_fix = isinstance(content, GgaGns | RmcGllGroup) and content.quality == 0
+        soon = sentence.arrival_ns - epoch.arrival_ns < SILENCE_NS
+        return not epoch.done or (without_fix and soon and same_time(content.utc_ns, self._last_fix_utc_ns))
+
+    def _is_complete(self, kind: str) -> bool:
+        """Whether `kind`, the newest sentence, ends bursts, and nothing that comes in some of them only is due now.
+
+        An epoch without a fix is not: another system may have one.
+        """
+        epoch = self._epoch
+        if epoch is None or not epoch.positions() or not self._endings.is_established(kind):
+            return False
+        due = [] if epoch.utc_ns is None else self._regular.due(epoch.utc_ns)
+        return all(epoch.has(other) or epoch.can_do_without(other) for other in due)
 
     def _join(self, epoch: Epoch, kind: str, content: Content) -> bool:
         """Add a sentence to the epoch; False: that is complete."""
-        if self._is_waited_for(epoch, kind):
+        if epoch.utc_ns is not None and self._regular.note(kind, epoch.utc_ns):
+            self._endings.forget(epoch.last)
+        elif self._is_waited_for(epoch, kind):
             self._endings.contradict(epoch.last)
         self._came[kind] = self._burst, epoch.arrival_ns
         if epoch.done and isinstance(content, Gst):
@@ -195,8 +220,10 @@ class NmeaDecoder:
     def _is_waited_for(self, epoch: Epoch, kind: str) -> bool:
         """Whether a fix is to wait for such a sentence: it comes in each burst, or says what is not known otherwise."""
         burst, arrival_ns = self._came.get(kind, (0, -STATED_NS))
-        is_rare = burst < self._burst - 1 and epoch.arrival_ns - arrival_ns < STATED_NS
-        return not (is_rare and epoch.can_do_without(kind))
+        if burst >= self._burst - 1:
+            return True
+        is_recent = epoch.arrival_ns - arrival_ns < STATED_NS
+        return not (self._regular.is_regular(kind) or (is_recent and epoch.can_do_without(kind)))
 
     def _is_ending(self, vtg: Sentence) -> bool:
         """Whether VTG is the last sentence of bursts, and this one surely is of the newest."""
@@ -254,7 +281,7 @@ class NmeaDecoder:
         epoch.add(kind, content)
         self._idle_ns = 0
         self._readings.begin(epoch)
-        return fixes + (self._finish() if self._endings.is_established(kind) else [])
+        return fixes + (self._finish() if self._is_complete(kind) else [])
 
     def _close(self) -> list[Fix]:
         """The epoch is over."""

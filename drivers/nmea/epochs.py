@@ -41,6 +41,11 @@ class Epoch:
         """Whether a sentence of this kind came already."""
         return getattr(self, kind.lower()) is not None
 
+    def lacks_fix(self, kind: str) -> bool:
+        """Whether the sentence of this kind says that there is no fix, and another one may still say more."""
+        before = getattr(self, kind.lower())
+        return not self.done and before is not None and before.quality == 0
+
     def fits(self, kind: str, utc_ns: int | None) -> bool:
         """Whether a sentence may be of this burst: its kind is missing, and nothing is against its time."""
         if self.has(kind):

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..sample import SATURATED, SUSPECT
-from ..spikes import SPIKES, is_spike
+from ..spikes import SPIKES, count_frame, is_spike
 from ..words import Bytes, move_to_front, word
 from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
 from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
@@ -150,6 +150,7 @@ def has_wrong_width(s: Any, rx: Bytes, p: int, end: int) -> bool:
 def emit(s: Any, sample: Any, size: int, wrong: bool) -> None:
     """s.force as a sample that took `size` bytes."""
     missing = 0
+    count_frame(s.spikes, s.frames > 0 and s.gap > STRAY_BYTES)
     if s.frames > 0:
         missing = (s.gap + size // 2) // size
         if missing == 0 and s.gap > STRAY_BYTES:

@@ -29,6 +29,11 @@ _LEVER_ARM_UNSET = (
     "the receiver's positions are of centimetres, and the lever arm of its antenna is not set, so it is estimated: "
     "set navigation.lever_arm_m, [0, 0, 0] if the antenna is at the sensor"
 )
+_CLOCK_ERROR_S = 1.0  # more is no latency of the receiver
+_CLOCK_DIFFERS = (
+    "the receiver's time and this machine's clock differ by more than a second: the times of what imud sends and "
+    "records are the machine's"
+)
 
 
 class StatusReporter:
@@ -80,10 +85,20 @@ class StatusReporter:
                     self._log.warning(received.message)
                     received.message = ""
         inertial = self._devices.selection.inertial
+        self._change_logger.faults("clock", self.wrong_clock(), now_ns)
         self._change_logger.faults("filter", inertial.pipeline.filter.findings() if inertial else (), now_ns)
         self._faults_of_others = {
             port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in self._others().items()
         }
+
+    def wrong_clock(self) -> tuple[str, ...]:
+        """Whether this machine's clock, or the receiver's, is wrong."""
+        if self._devices.in_use.gnss is None:
+            return ()
+        unix_ns = time.time_ns()
+        by_receiver_s = self._devices.in_use.gnss.sensor.utc_less_monotonic_s(unix_ns)
+        difference_s = 0.0 if by_receiver_s is None else by_receiver_s - (unix_ns - time.monotonic_ns()) * 1e-9
+        return (_CLOCK_DIFFERS,) if abs(difference_s) > _CLOCK_ERROR_S else ()
 
     def _others(self) -> dict[Port, Inertial | Receiver]:
         """What streams beside the inertial sensor and the receiver in use: spares, and sensors without positions."""

@@ -311,6 +311,13 @@ class Receiver:
         stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
+    def utc_less_monotonic_s(self, near_ns: int) -> float | None:
+        """By its last used fix; None before the first, or while their age is not known. near_ns: Unix time, about."""
+        if self._row is None or self._last_used_fix is None or not self._epochs.is_known:
+            return None
+        utc_ns = self._last_used_fix.utc_ns(near_ns)
+        return None if utc_ns is None else (utc_ns - int(self._row["t_ns"][0])) * 1e-9
+
     @property
     def is_precise(self) -> bool:
         """Whether its last position is one of centimetres."""

@@ -104,7 +104,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         store_sample(s, w, f)
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
-        set_outage(s, 0.0)
+        set_outage(s, 0.0, 0.0)
         update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)

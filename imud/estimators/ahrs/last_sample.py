@@ -54,6 +54,6 @@ def update_mean_square_rate(s: State, w: Vector, share: float) -> None:
 
 
 @kernel
-def set_outage(s: State, seconds: float) -> None:
-    """The last rate has been held for so long."""
-    s.imu.outage_s = seconds
+def set_outage(s: State, seconds: float, fault_s: float) -> None:
+    """The last rate has been held for so long. fault_s: the sensor's fault has lasted; 0: it has none."""
+    s.imu.outage_s, s.imu.fault_s = seconds, fault_s

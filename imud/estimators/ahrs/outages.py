@@ -49,7 +49,7 @@ def hold_rate(p: Parameters, s: State, dt: float, fault_s: float) -> None:
     if fault_s > held_s:
         attitude = c.gap_rate_psd * (fault_s**3 - held_s**3) / 3.0
         add_noise(s, attitude, c.fault_force_psd * (fault_s - held_s))
-    set_outage(s, max(held_s, fault_s))
+    set_outage(s, max(held_s, fault_s), fault_s)
 
 
 @kernel
@@ -79,7 +79,8 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
         add_noise(s, (dw2 + c.gap_rate_psd * dt) * dt * dt / 12.0, (df2 + c.gap_force_psd * dt) * dt * dt / 12.0)
     if last.outage_s > 0.0:
         held2 = last.outage_s * last.outage_s
-        add_noise(s, c.gap_rate_psd * held2 * dt, c.gap_force_psd * held2 * dt)
+        share = 1.0 / 3.0 if last.fault_s == 0.0 else 0.0  # of a fault `hold_rate` has added how wrong rates may be
+        add_noise(s, (c.gap_rate_psd * dt + share * dw2) * held2, (c.gap_force_psd * dt + share * df2) * held2)
     if flags & SATURATED:
         limited = flags & (LIMITED_RATE | LIMITED_FORCE)
         if limited != LIMITED_FORCE and flags & (7 * LIMITED_AXES) == 0:  # else `clipping` adds it

@@ -87,6 +87,7 @@ IMU = np.dtype(  # the newest good sample as measured
         ("f", "<f8", (3,)),  # m/s^2
         ("f_change", "<f8", (3,)),  # m/s^2, from the sample before
         ("outage_s", "<f8"),  # for how long the rate has been held
+        ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
     ],
     align=True,

@@ -176,6 +176,7 @@ class Imu:
     f: Reals
     f_change: Reals
     outage_s: float
+    fault_s: float
     rate2: float
 
 

@@ -96,6 +96,7 @@ IMU = np.dtype(  # the last sample, and what was integrated since the covariance
         ("f", "<f8", (3,)),  # m/s^2, body
         ("saturated", "<i8"),  # 1: the last sample is at the end of the sensor's range
         ("outage_s", "<f8", (2,)),  # s for which rates, and forces, are missing or clipped
+        ("held_s", "<f8"),  # s for which a good sample stands for damaged ones
         ("integration_time", "<f8"),  # s
         ("delta_v", "<f8", (3,)),  # m/s, integral of specific force in NED
         ("delta_theta", "<f8", (3,)),  # rad, integral of the body's rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE
+from imud.drivers.sample import LIMITED_FORCE, LIMITED_RATE, NO_FORCE, NO_RATE, SUSPECT
 from imud.drivers.sample import SATURATED as BEYOND_RANGE
 
 from ...compile.jit import kernel
@@ -15,6 +15,7 @@ from .alignment.modes import ATTITUDE_LOST, HEADING_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_covariance, add_variance, variance
 from .mechanization import ned_to_body, rotation_matrix
+from .propagation import add_gap_variance, gap_variances
 from .rest import withdraw_rest
 from .state import ATTITUDE, FORCES, NAVIGATING, POSITION, RATES, VELOCITY
 
@@ -66,6 +67,25 @@ def inflate_attitude(p: Parameters, c: Core, sample: StoredSample, fastest: floa
         reset_nhc(p, c)
     if max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1)) > p.tuning.lost_tilt**2:
         change_mode(p, c, ATTITUDE_LOST)
+
+
+@kernel
+def add_held_variance(p: Parameters, c: Core, sample: StoredSample, dt: float) -> None:
+    """Add variance for damaged samples, for which the last good one stands; `sample` is the next, dt s later.
+
+    A gap has a known sample at either end. Here one end is known, so that the variance is four times as large
+    (Brownian motion against Brownian bridge); the first good sample shows how far the last one was off.
+    """
+    before = c.imu.held_s
+    now = before + dt if sample.flags & SUSPECT else 0.0
+    c.imu.held_s = now
+    if before + now == 0.0:
+        return
+    level, vertical, velocity = gap_variances(p, c, sample.w, sample.f, max(before, now))
+    if before > 0.0:
+        known = gap_variances(p, c, c.imu.w, c.imu.f, before)
+        level, vertical, velocity = level - known[0], vertical - known[1], velocity - known[2]
+    add_gap_variance(c, 4.0 * max(level, 0.0), 4.0 * max(vertical, 0.0), 4.0 * max(velocity, 0.0))
 
 
 @kernel

@@ -22,7 +22,7 @@ from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
 from .alignment.velocity_pairs import is_levelled
 from .bias_changes import add_bias_changes
-from .damaged_readings import inflate_covariance, substitute_missing
+from .damaged_readings import add_held_variance, inflate_covariance, substitute_missing
 from .fusion import propagate_errors
 from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reset_biases
@@ -81,6 +81,7 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     reconnected = sample.flags & (POWER_ON | RECONNECTED) != 0 and gap_s > p.tuning.max_gyro_outage_s
     if reconnected:
         keep_place(c)
+    add_held_variance(p, c, sample, dt)
     propagate_to(p, c, sample.t_ns, sample.w, sample.f)
     if sample.flags & POWER_ON:  # the biases of the time before are those of the gap
         reset_biases(p, c)

@@ -126,7 +126,7 @@ def unknown_time_offset(c: Core, axis: int) -> float:
 def rejected_position(c: Core, axis: int) -> tuple[float, float]:
     """What rejected positions add to the stated variances of an axis, m^2 and m^2/s^2: the estimate may be wrong."""
     if axis == 2:
-        return 0.0, 0.0
+        return float(c.integrity.rejected_position2[2]), 0.0
     v, t = c.integrity.rejected_velocity[axis], 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     return float((v * t) ** 2 + c.integrity.rejected_position2[axis]), float(v * v)
 

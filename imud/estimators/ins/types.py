@@ -84,6 +84,7 @@ class Imu:
     f: Reals
     saturated: int
     outage_s: Reals
+    held_s: float
     integration_time: float
     delta_v: Reals
     delta_theta: Reals
@@ -267,6 +268,9 @@ class Integrity:
     position_uses: float
     position_rejects: float
     position_returns: float
+    height_ns: int
+    height_uses: float
+    height_rejects: float
 
 
 class ProcessNoise:

@@ -29,7 +29,8 @@ from ..glr_tests.gnss_drift import (
 )
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.time_offset_step import reset_time_offset_step
-from ..integrity.alternating_receiver import reject_share
+from ..integrity.alternating_receiver import count_height, reject_share, share_of_few
+from ..integrity.reset_inflation import inflate_position_to
 from ..state import HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
 from .gnss_reset import (
     allow_for_wrong_velocity,
@@ -247,9 +248,9 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     """Store what the rejected position, of this NIS, says if the estimate is wrong instead of the receiver.
 
     That is the velocity error that explains it, and how far off it is: if rejected positions agree, one of the two
-    places is wrong, the estimate's with a probability that grows with their share, or as they move away faster and
-    faster. After an outage the estimate is as
-    likely to be wrong, with all errors that have grown since: the stated P is as much larger.
+    places is wrong, the estimate's with a probability that grows with their share, or as they accelerate away; so does
+    the first one, if few have been used before. After an outage the estimate is as likely to be wrong, with all errors
+    that have grown since: the stated P is as much larger.
     """
     g = c.integrity
     most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))
@@ -258,11 +259,12 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     if was_coasting(p, c, g.outage_at_reject_s):
         g.rejected_inflation = nis - 1.0
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
-    share = reject_share(c) if agree else 0.0
+    share = reject_share(c) if agree else share_of_few(p, c)
     if g.divergence_count > 1 and not supported and not wheels_support(p, c):  # the first may be a jump
         share = max(share, min(g.divergence_count / p.tuning.divergence_count, 1.0))
-    for i in range(2):
-        g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
+    for i in range(3):
+        offset = bias_free_innovation(c, i)
+        g.rejected_position2[i] = share * offset * offset if math.isfinite(offset) else 0.0
 
 
 @kernel
@@ -272,6 +274,7 @@ def clear_rejection(c: Core) -> None:
     c.integrity.rejected_inflation = 0.0
     for i in range(2):
         c.integrity.rejected_velocity[i] = 0.0
+    for i in range(3):
         c.integrity.rejected_position2[i] = 0.0
 
 
@@ -415,13 +418,41 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
 
 
 @kernel
+def state_rejected_height(p: Parameters, c: Core, share: float) -> None:
+    """Store how far off the rejected height is; share: of the last heights that were rejected.
+
+    The first of those in a row may be an outlier, but not one of few.
+    """
+    g, z = c.integrity, c.scratch.position_innovation[2]
+    is_outlier = g.reject_count[VERTICAL] == 1 and p.tuning.max_reject_share * (g.height_uses + 1.0) >= 1.0
+    g.rejected_position2[2] = 0.0 if is_outlier else share * z * z
+
+
+@kernel
+def accept_height(c: Core, share: float) -> None:
+    """A height is used. After rejected ones, it or they may be wrong."""
+    g, z = c.integrity, c.scratch.position_innovation[2]
+    if g.reject_count[VERTICAL] > 0:
+        inflate_position_to(c, 2, share * z * z)
+    g.reject_count[VERTICAL] = 0
+    g.rejected_position2[2] = 0.0
+
+
+@kernel
 def gate_height(p: Parameters, c: Core, nis: float) -> bool:
     """Whether the fix has a height and it is accepted; after long rejection the filter is reset to it."""
-    g, known = c.integrity, math.isfinite(c.scratch.position_innovation[2])
-    if not known or nis < p.tuning.gnss_position_gate:
+    g = c.integrity
+    if not math.isfinite(c.scratch.position_innovation[2]):
         g.reject_count[VERTICAL] = 0
-        return known
+        g.rejected_position2[2] = 0.0
+        return False
+    accepted = nis < p.tuning.gnss_position_gate
+    share = count_height(p, c, accepted)
+    if accepted:
+        accept_height(c, share)
+        return True
     g.reject_count[VERTICAL] += 1
+    state_rejected_height(p, c, share)
     if g.reject_count[VERTICAL] == 1:
         g.reject_start_ns[VERTICAL] = c.nav.t_ns
     if (
@@ -430,7 +461,7 @@ def gate_height(p: Parameters, c: Core, nis: float) -> bool:
     ):
         return False
     reset_to_gnss(p, c, 2, 3, c.stationarity.at_rest != 0, 0.0)
-    g.reject_count[VERTICAL] = 0
+    accept_height(c, share)
     return True
 
 

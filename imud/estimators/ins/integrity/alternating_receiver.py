@@ -39,10 +39,31 @@ def count_position(p: Parameters, c: Core, used: bool, after_rejects: bool) -> N
 
 
 @kernel
+def count_height(p: Parameters, c: Core, used: bool) -> float:
+    """Count a height; returns the share of the last ones that were rejected."""
+    g = c.integrity
+    decay = elementary.exp(-1e-9 * (c.nav.t_ns - g.height_ns) / p.tuning.alternation_memory_s)
+    g.height_ns = c.nav.t_ns
+    g.height_uses = decay * g.height_uses + (1.0 if used else 0.0)
+    g.height_rejects = decay * g.height_rejects + (0.0 if used else 1.0)
+    return float(g.height_rejects / (g.height_uses + g.height_rejects))
+
+
+@kernel
 def reject_share(c: Core) -> float:
     """Share of the last positions that were rejected."""
     g = c.integrity
     return float(g.position_rejects / max(g.position_uses + g.position_rejects, 1e-9))
+
+
+@kernel
+def share_of_few(p: Parameters, c: Core) -> float:
+    """Share of the last positions that were rejected, with one that is not counted yet; 0 where many were used.
+
+    Few are so many that a single rejected one is more than `max_reject_share` of them.
+    """
+    uses, rejects = c.integrity.position_uses, c.integrity.position_rejects + 1.0
+    return float(rejects / (uses + rejects) if p.tuning.max_reject_share * (uses + 1.0) < 1.0 else 0.0)
 
 
 @kernel

@@ -14,7 +14,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("reject_velocity", "<f8", (2,)),  # m/s, north and east, estimated then
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position
-        ("rejected_position2", "<f8", (2,)),  # m^2, of the position, if it is wrong instead of rejected ones
+        ("rejected_position2", "<f8", (3,)),  # m^2, of the position, if it is wrong instead of rejected ones
         ("rejected_inflation", "<f8"),  # NIS of positions rejected after an outage, less 1
         ("divergence_count", "<i8"),  # rejected positions in a row that accelerated away
         ("divergence_ns", "<i8"),  # the last one that was compared
@@ -39,6 +39,9 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("position_uses", "<f8"),  # positions that were used, fading
         ("position_rejects", "<f8"),  # positions that were rejected, fading
         ("position_returns", "<f8"),  # positions that were used after rejected ones, fading
+        ("height_ns", "<i8"),  # when a height was last used or rejected
+        ("height_uses", "<f8"),  # heights that were used, fading
+        ("height_rejects", "<f8"),  # heights that were rejected, fading
     ],
     align=True,
 )

@@ -72,10 +72,18 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
 
 @kernel
 def is_in_a_hand(p: Parameters, s: State) -> bool:
-    """Has the body moved as no vehicle does for long enough, and before the first rest, do the hypotheses say so?"""
-    c = p.tuning
-    likely = s.stationarity.gravity_checked == 1 or s.hypotheses.hand > c.min_hand_probability
-    return bool(likely and s.attitude_step.hand_held_s >= c.hand_time_s)
+    """Has the body moved as no vehicle does for long enough, and before the first rest, did the hypotheses say so?
+
+    They know no slips, to them one is a vehicle that sets off: what they said before the gain began to grow counts.
+    """
+    likely = s.stationarity.gravity_checked == 1 or s.attitude_step.likely_hand_s > 0.0
+    return bool(likely and s.attitude_step.hand_held_s >= p.tuning.hand_time_s)
+
+
+@kernel
+def is_undecided(p: Parameters, s: State) -> bool:
+    """Does the gain of a body in a hand grow, so that its tilt has become wrong, or it begins to travel?"""
+    return bool(is_in_a_hand(p, s) and s.attitude_step.window_s > 0.0)
 
 
 @kernel
@@ -132,11 +140,13 @@ def update_hand_held(p: Parameters, s: State) -> None:
     a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
     mean2 = s.motion.v_mean[0] ** 2 + s.motion.v_mean[1] ** 2
     travels = mean2 > c.travel_speed_mps**2
+    likely = s.hypotheses.hand > c.min_hand_probability
+    step.likely_hand_s = c.gain_time_s if likely else max(step.likely_hand_s - time, 0.0)
     if step.hand_held_s < c.hand_time_s:
         step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
     if s.stationarity.stationary == 1:
         step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
-    elif step.travel_s > c.travel_proof_s or s.hypotheses.leading == 1:
+    elif step.travel_s > c.travel_proof_s or (s.hypotheses.leading == 1 and step.likely_hand_s == 0.0):
         step.hand_held_s = 0.0
     elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
         step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)

@@ -187,6 +187,7 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("clipping_variance", "<f8"),  # rad^2, that rates beyond the range have added to the attitude since then
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading
+        ("likely_hand_s", "<f8"),  # for which the hypotheses' word that it is a hand still counts
         ("possible_tilt_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
     ],
     align=True,

@@ -257,6 +257,7 @@ class AttitudeStep:
     clipping_variance: float
     hand_held_s: float
     travel_s: float
+    likely_hand_s: float
     possible_tilt_error: float
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from attitude_runs import samples_from, tilt_variance_deg2
-from attitude_simulation import DEG, Flaws, after, errors_deg, simulate, steady, wobble
+from attitude_simulation import DEG, Flaws, Truth, after, errors_deg, simulate, steady, wobble
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
 
@@ -14,13 +14,13 @@ SLIP_S = 20.0
 
 
 def slipped(truth, angle_deg):
-    """Samples of a sensor that slips by this angle after SLIP_S, and its attitude."""
-    samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3))
+    """Samples of a sensor that slips by this angle after SLIP_S, and its attitude. Its biases stay its own."""
     slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
     late = truth.t >= SLIP_S
-    for name in ("w", "f"):
-        samples[name][late] = slip.apply(samples[name][late])
-    return samples, Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+    turned = lambda vectors: np.where(late[:, None], slip.apply(vectors), vectors)  # noqa: E731
+    attitude = Rotation.concatenate([truth.attitude[~late], truth.attitude[late] * slip.inv()])
+    body = Truth(truth.t, attitude, turned(truth.w), turned(truth.f))
+    return samples_from(body, Flaws(gyro_bias=(0.2 * DEG,) * 3)), attitude
 
 
 def assert_found(samples, attitude, late, most_deg, most_nees):

@@ -103,6 +103,42 @@ def test_a_slip_at_rest_is_found_in_seconds(angle_deg):
         assert tilt[truth.t > SLIP_S + 10.0].max() < 2.0, seed
 
 
+def sure_and_wrong_s(out, tilt, rate_hz=100.0):
+    """Seconds with more than 5 deg and 4 sigma, with ATTITUDE_VALID."""
+    sure = (out["status"] & ATTITUDE_VALID > 0) & (tilt > 5.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out))
+    return np.count_nonzero(sure) / rate_hz
+
+
+@pytest.mark.parametrize("rest_s", [0.0, 26.0])
+def test_a_slip_is_one_before_any_rest_and_soon_after_one(rest_s):
+    """Who turns by 1 rad/s and more is no vehicle, long before there have been ten seconds of it."""
+    slip = Rotation.from_rotvec(10.0 * DEG * np.array([0.6, -0.8, 0.0]))
+    for seed in range(3):
+        truth = simulate(
+            45.0,
+            100.0,
+            begun(wobble(seed, 1.5), rest_s),
+            begun(wobble(seed + 50, 1.0, 3.0, 9.0), rest_s),
+        )
+        out, tilt = after_slip(truth, samples_from(truth, FLAWS), slip)
+        assert sure_and_wrong_s(out[truth.t > SLIP_S], tilt[truth.t > SLIP_S]) < 1.3, seed
+        assert tilt[truth.t > SLIP_S + 8.0].max() < 4.0, seed
+
+
+def test_a_hand_in_a_bus_that_sets_off_is_less_sure():
+    """It looks like a slip: roll and pitch become wrong by that acceleration, but the sigmas say so for most of it."""
+    wrong_s = 0.0
+    for seed in range(4):
+        hand, off = wobble(seed + 50, 1.0, 3.0, 9.0), steady((1.7, 0.0, 0.0), 30.0, 38.0)
+        course = lambda t, hand=hand, off=off: begun(hand)(t) + off(t)  # noqa: E731
+        truth = simulate(48.0, 100.0, begun(wobble(seed, 0.8)), course)
+        out = solutions_of(samples_from(truth, FLAWS))
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude)
+        wrong_s += sure_and_wrong_s(out[200:], tilt[200:])
+        assert tilt[4600:].max() < 1.5, seed
+    assert wrong_s < 6.0
+
+
 def test_an_even_acceleration_after_a_rest_is_no_slip():
     """Of 1.7 m/s^2 for 12 s, without vibration: tilt by the force would be off by 10 deg."""
     for seed in range(3):

@@ -25,8 +25,9 @@ from ...math.rotation import quat_exp, quat_normalised, quat_product, quat_rotat
 from .divergence import inflate_variance, restart_velocity_gain
 from .error_model import add_variance, reset_variance
 from .history import record_wrong_tilt
+from .integrals import turn_across_vertical2
 from .mechanization import set_attitude
-from .motion import start_motion
+from .motion import forget_travel, start_motion
 from .state import ACCEL_BIAS, ATTITUDE
 
 if TYPE_CHECKING:
@@ -52,12 +53,18 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
         gain2 += gain * gain
         mean2 += step.mean_gain[i] ** 2
-    if step.hand_held_s > 0.0 and s.stationarity.stationary == 0:
-        part = time / (min(step.hand_held_s, c.usual_gain_time_s) + time)
+    unusual = is_undecided(p, s) and force_lasts(p, s) and not is_in_a_hand(p, s)
+    if step.hand_held_s == 0.0:
+        step.usual_s = 0.0
+    elif s.stationarity.stationary == 0 and not unusual:
+        step.usual_s = min(step.usual_s + time, c.usual_gain_time_s)
+        part = time / (min(step.hand_held_s, step.usual_s) + time)
         least2 = 0.25 * c.min_gain_mps**2  # what is not usual counts in part: else a slip becomes usual
         step.usual_gain2 += part * (min(gain2, 4.0 * step.usual_gain2 + least2) - step.usual_gain2)
         step.usual_mean2 += part * (min(mean2, 4.0 * step.usual_mean2 + least2) - step.usual_mean2)
-    step.possible_tilt_error = angle_of_rise(p, s, gain2)
+    step.levelled_angle -= 0.5 * step.levelled_angle * time / c.hand_time_s
+    levelled = math.sqrt(c.rise_slip_probability) * step.levelled_angle
+    step.possible_tilt_error = max(angle_of_rise(p, s, gain2), levelled)
     if not is_in_a_hand(p, s) or mean2 < c.usual_gain_sigmas**2 * step.usual_mean2 + c.min_gain_mps**2:
         restart_window(s)
         return False
@@ -72,10 +79,26 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
 
 @kernel
 def is_in_a_hand(p: Parameters, s: State) -> bool:
-    """Has the body moved as no vehicle does for long enough, and before the first rest, do the hypotheses say so?"""
-    c = p.tuning
-    likely = s.stationarity.gravity_checked == 1 or s.hypotheses.hand > c.min_hand_probability
-    return bool(likely and s.attitude_step.hand_held_s >= c.hand_time_s)
+    """Has the body moved as no vehicle does for long enough, and before the first rest, did the hypotheses say so?
+
+    They know no slips, to them one is a vehicle that sets off: what they said before the gain began to grow counts.
+    """
+    return bool(hand_share(p, s) == 1.0)
+
+
+@kernel
+def hand_share(p: Parameters, s: State) -> float:
+    """The part of the time that this takes which has passed, up to 1."""
+    if s.stationarity.gravity_checked == 0 and s.attitude_step.likely_hand_s == 0.0:
+        return 0.0
+    return min(s.attitude_step.hand_held_s / p.tuning.hand_time_s, 1.0)
+
+
+@kernel
+def is_undecided(p: Parameters, s: State) -> bool:
+    """Does the mean velocity grow because of a slip in a hand, or because a vehicle sets off?"""
+    mean2 = s.motion.v_mean[0] ** 2 + s.motion.v_mean[1] ** 2
+    return bool(mean2 > p.tuning.travel_speed_mps**2 and s.attitude_step.rise_s > 0.0 and hand_share(p, s) > 0.0)
 
 
 @kernel
@@ -85,14 +108,16 @@ def angle_of_rise(p: Parameters, s: State, gain2: float) -> float:
     With the probability of a slip it is the angle from the vertical to the force since, else zero.
     """
     c, step = p.tuning, s.attitude_step
-    if not is_in_a_hand(p, s) or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
+    probability = c.rise_slip_probability * hand_share(p, s)
+    if probability == 0.0 or gain2 < c.rise_gain_sigmas**2 * step.usual_gain2 + c.rise_gain_mps**2:
         clear_rise(p, s)
         return 0.0
+    step.rise_s += s.integrals.time
     for i in range(3):
         step.rise_delta_v[i] += s.integrals.delta_v[i]
     angle2 = angle_to_vertical(step.rise_delta_v) ** 2
     by_gain2 = step.usual_gain2 / step.rise_delta_v[2] ** 2
-    return float(math.sqrt(c.rise_slip_probability * angle2 * c.rise_angle_rad**2 / (c.rise_angle_rad**2 + by_gain2)))
+    return float(math.sqrt(probability * angle2 * c.rise_angle_rad**2 / (c.rise_angle_rad**2 + by_gain2)))
 
 
 @kernel
@@ -129,17 +154,34 @@ def angle_to_vertical(f: Reals) -> float:
 def update_hand_held(p: Parameters, s: State) -> None:
     """For how long the body has moved as no vehicle does."""
     c, step, total, time = p.tuning, s.attitude_step, s.integrals, s.integrals.time
-    a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
+    change2 = 0.0  # (m/s)^2, of what vibrates faster than the interval only the mean
+    for i in range(3):
+        change2 += (total.delta_v[i] - step.mean_force[i] * time) ** 2
     mean2 = s.motion.v_mean[0] ** 2 + s.motion.v_mean[1] ** 2
     travels = mean2 > c.travel_speed_mps**2
-    if step.hand_held_s < c.hand_time_s:
+    likely = s.hypotheses.hand > c.min_hand_probability
+    step.likely_hand_s = c.gain_time_s if likely else max(step.likely_hand_s - time, 0.0)
+    turned2 = min(turn_across_vertical2(total) / (time * c.hand_rate_radps) ** 2, 1.0)
+    undecided = is_undecided(p, s)
+    if step.hand_held_s < c.hand_time_s and not undecided:
         step.travel_s += time if travels else -step.travel_s * time / c.vehicle_time_s
     if s.stationarity.stationary == 1:
         step.hand_held_s = max(step.hand_held_s - 2.0 * time, 0.0)
-    elif step.travel_s > c.travel_proof_s or s.hypotheses.leading == 1:
+    elif step.travel_s > c.travel_proof_s or (s.hypotheses.leading == 1 and step.likely_hand_s == 0.0):
         step.hand_held_s = 0.0
-    elif a2 > c.lively_acceleration_mps2**2 * time or total.w2 > c.lively_rate_radps**2 * time:
-        step.hand_held_s = min(step.hand_held_s + time, 2.0 * c.hand_time_s)
+    elif change2 > (c.lively_acceleration_mps2 * time) ** 2 or total.w2 > c.lively_rate_radps**2 * time:
+        growth = step.hand_held_s / c.hand_time_s if force_lasts(p, s) else -step.hand_held_s / c.hand_time_s
+        counted = growth if undecided else 1.0
+        step.hand_held_s = min(step.hand_held_s + time * (counted + turned2), 2.0 * c.hand_time_s)
+
+
+@kernel
+def force_lasts(p: Parameters, s: State) -> bool:
+    """Is the newest mean force as far from the vertical as it was since the gain is beyond its usual?"""
+    step = s.attitude_step
+    f, rise = step.mean_force, step.rise_delta_v
+    newest = (f[0] * rise[0] + f[1] * rise[1]) * step.rise_s
+    return bool(newest >= p.tuning.steady_share * (rise[0] ** 2 + rise[1] ** 2))
 
 
 @kernel
@@ -159,6 +201,7 @@ def restart_window(s: State) -> None:
 @kernel
 def clear_rise(p: Parameters, s: State) -> None:
     """The gain is a usual one: a rise would begin with a force that has been vertical."""
+    s.attitude_step.rise_s = 0.0
     for i in range(3):
         s.attitude_step.rise_delta_v[i] = -s.nav.gravity * p.tuning.rise_time_s if i == 2 else 0.0
 
@@ -179,6 +222,9 @@ def level_by_window(p: Parameters, s: State, use_mean: bool, var: float) -> None
     """Rotate the force of the window, or its mean force, to the vertical."""
     step = s.attitude_step
     f = step.window_mean_v if use_mean else step.window_delta_v
+    angle = angle_to_vertical(f)
+    unlikely = (s.nav.gravity * angle / p.tuning.vehicle_acceleration_mps2) ** 2
+    step.levelled_angle = angle * elementary.exp(-0.5 * unlikely)
     level_by_force(p, s, (f[0], f[1], f[2]), var, step.window_s)
 
 
@@ -198,6 +244,7 @@ def level_by_force(p: Parameters, s: State, f: Vector, var: float, wrong_s: floa
     for i in range(3):
         start_motion(p, s, i)
         inflate_variance(s, ACCEL_BIAS + i, c.min_force_sigma_mps2, p.accel_bias_var)
+    forget_travel(s)
     restart_velocity_gain(s)
     restart_gain(p, s)
     step.travel_s = 0.0

@@ -46,6 +46,14 @@ def turn_about_vertical(total: Integrals) -> float:
 
 
 @kernel
+def turn_across_vertical2(total: Integrals) -> float:
+    """The square of the rotation about north and east, rad^2: the integrals of C[i, k] w[k]."""
+    north = total.c_outer_w[0] + total.c_outer_w[4] + total.c_outer_w[8]
+    east = total.c_outer_w[9] + total.c_outer_w[13] + total.c_outer_w[17]
+    return float(north * north + east * east)
+
+
+@kernel
 def integrate_rate(s: State, w: Vector, dt: float) -> None:
     """Add the time, and the square of the compensated rate."""
     s.integrals.w2 += (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * dt

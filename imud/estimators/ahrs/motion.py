@@ -60,6 +60,8 @@ def update_travel(p: Parameters, s: State) -> None:
     in_motion = motion.moving_s / c.travel_time_s
     update_hidden_tilt(p, s)
     unknown = 0.0 if s.stationarity.gravity_checked == 1 else 1.0 / (1.0 + in_motion) ** 2
+    if s.attitude_step.hand_held_s >= c.hand_time_s and s.attitude_step.rise_s > 0.0:
+        unknown = 1.0
     evidence = c.travel_evidence + unknown * c.travel_evidence_at_start
     for i in range(3):
         excess2 = motion.v_mean[i] * motion.v_mean[i] - c.travel_speed_mps**2
@@ -116,6 +118,13 @@ def start_motion(p: Parameters, s: State, i: int) -> None:
     reset_motion(p, s, i)
     reset_variance(s, VELOCITY + i, p.tuning.initial_velocity_var)
     s.motion.v_scatter[i] = p.tuning.initial_velocity_scatter
+
+
+@kernel
+def forget_travel(s: State) -> None:
+    """The velocity came from a wrong tilt."""
+    for i in range(3):
+        s.motion.travel_speed2[i] = 0.0
 
 
 @kernel

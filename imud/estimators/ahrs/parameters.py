@@ -259,9 +259,11 @@ _ATTITUDE_STEP = (
         "steady_share", 0.75, "", "The share of a mean force that its newest value shows if it lasts.", HANDS, high=1.0
     ),
     Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
+    Tunable("hand_rate_radps", 1.0, "rad/s", "A rate across the vertical that halves this time.", HANDS, low=0.01),
     Tunable("min_hand_probability", 0.99, "", "Of a hand, before a rest, for a step to be one.", HANDS, high=1.0),
-    Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion.", HANDS),
+    Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion, about its mean.", HANDS),
     Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),
+    Tunable("vehicle_acceleration_mps2", 3.0, "m/s^2", "RMS acceleration of vehicles.", VEHICLES, low=0.01),
     Tunable("travel_proof_s", 3.0, "s", "Travel after which a body is a vehicle.", VEHICLES),
     Tunable("vehicle_time_s", 600.0, "s", "Time constant with which that is forgotten.", UNRECORDED, low=1.0),
 )

@@ -179,15 +179,19 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("span", "<f8"),  # s, the same integral of 1
         ("mean_gain", "<f8", (3,)),  # m/s, the gain's mean over velocity_scatter_time_s
         ("mean_force", "<f8", (3,)),  # m/s^2, NED, over the same time
+        ("usual_s", "<f8"),  # of motion in which the next two were learned
         ("usual_gain2", "<f8"),  # (m/s)^2
         ("usual_mean2", "<f8"),  # (m/s)^2, of that mean
         ("window_delta_v", "<f8", (3,)),  # m/s, integral of the specific force
         ("window_mean_v", "<f8", (3,)),  # m/s, and of the mean force
         ("window_s", "<f8"),
         ("rise_delta_v", "<f8", (3,)),  # m/s, integral of the specific force since the gain is beyond its usual
+        ("rise_s", "<f8"),
         ("clipping_variance", "<f8"),  # rad^2, that rates beyond the range have added to the attitude since then
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading
+        ("levelled_angle", "<f8"),  # rad, by which the tilt was turned, and wrongly so if this was a vehicle; fading
+        ("likely_hand_s", "<f8"),  # for which the hypotheses' word that it is a hand still counts
         ("possible_tilt_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
     ],
     align=True,

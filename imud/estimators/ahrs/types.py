@@ -108,9 +108,11 @@ class Tuning:
     min_step_s: float
     steady_share: float
     hand_time_s: float
+    hand_rate_radps: float
     min_hand_probability: float
     lively_acceleration_mps2: float
     lively_rate_radps: float
+    vehicle_acceleration_mps2: float
     travel_proof_s: float
     vehicle_time_s: float
     correction_time_s: float
@@ -249,15 +251,19 @@ class AttitudeStep:
     span: float
     mean_gain: Reals
     mean_force: Reals
+    usual_s: float
     usual_gain2: float
     usual_mean2: float
     window_delta_v: Reals
     window_mean_v: Reals
     window_s: float
     rise_delta_v: Reals
+    rise_s: float
     clipping_variance: float
     hand_held_s: float
     travel_s: float
+    levelled_angle: float
+    likely_hand_s: float
     possible_tilt_error: float
 
 

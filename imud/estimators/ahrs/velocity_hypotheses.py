@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from .attitude_step import is_undecided
 from .error_model import replace_variance, variance
 from .hypothesis_filters import (
     BIAS,
@@ -143,7 +144,7 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         speed2 += likelihood * (b.x[h, n] ** 2 + b.x[h, e] ** 2 + b.P[h, n, n] + b.P[h, e, e])
     b.hand = hand / total
     mix_hypotheses(s)
-    choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2)
+    choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2 and not is_undecided(p, s))
     b.possible_tilt_error = tilt_error_of_others(s)
     for i in range(2):
         b.v[i] += b.mean[INTEGRATED + i]

@@ -262,9 +262,11 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     share = reject_share(c) if agree else share_of_few(p, c)
     if g.divergence_count > 1 and not supported and not wheels_support(p, c):  # the first may be a jump
         share = max(share, min(g.divergence_count / p.tuning.divergence_count, 1.0))
-    for i in range(3):
-        offset = bias_free_innovation(c, i)
-        g.rejected_position2[i] = share * offset * offset if math.isfinite(offset) else 0.0
+    for i in range(2):
+        g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
+    height = bias_free_innovation(c, 2)  # it is not tested with this position, so what was stated of it stays
+    if math.isfinite(height):
+        g.rejected_position2[2] = max(g.rejected_position2[2], share * height * height)
 
 
 @kernel
@@ -274,7 +276,6 @@ def clear_rejection(c: Core) -> None:
     c.integrity.rejected_inflation = 0.0
     for i in range(2):
         c.integrity.rejected_velocity[i] = 0.0
-    for i in range(3):
         c.integrity.rejected_position2[i] = 0.0
 
 

@@ -345,6 +345,27 @@ def rtk_on_a_rough_road():
     return navigated(samples, silent(fixes))
 
 
+def from_a_changed_gyro(seed, **receiver):
+    """Its biases step at 80 s, about level axes: the estimate accelerates away from right positions."""
+    d, rng = road(120.0, speed=12.0), random(seed)
+    samples, fixes = sensed(d, rng), received(d, rng, **receiver)
+    samples["w"][seconds(samples) > 80.0] += np.radians((2.0, -1.5, 0.0))
+    return samples, silent(fixes)
+
+
+@golden("navigation")
+def gyro_that_steps():
+    samples, fixes = from_a_changed_gyro(93)
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
+def gyro_that_steps_with_rtk():
+    samples, fixes = from_a_changed_gyro(94, sigma=0.01, white=0.01)
+    fixes["sigma"], fixes["hdop"], fixes["quality"] = (0.02, 0.02, 0.04), np.nan, 4
+    return navigated(samples, fixes)
+
+
 @golden("navigation")
 def rtk_comes_and_goes():
     """By its quality alone: fixed, float, single, fixed."""

@@ -3,7 +3,8 @@
 The estimate follows such a position at a small sigma. The probability of a jump, given the innovation, is that of
 Bayes: without one the innovation has its own variance, with one that of the jumps besides. The expected square of the
 jump, given the innovation, is stated as an error of the position: after an outage, where the estimate is far off, it is
-no more than elsewhere. It fades as the GNSS bias does, for jumps end.
+no more than elsewhere. The part that no innovation shows counts there only, where jumps are frequent. It fades as the
+GNSS bias does, for jumps end.
 """
 
 from __future__ import annotations
@@ -60,5 +61,6 @@ def state_likely_jump(p: Parameters, c: Core, variances: tuple[float, float], le
     odds *= elementary.exp(min(exponent, MAX_EXPONENT))
     for i in range(2):
         share = jump_share(p, variances[i])
-        jump2 = (share * z[i]) ** 2 + (1.0 - share) * p.tuning.jump_sigma**2
+        hidden2 = (1.0 - share) * p.tuning.jump_sigma**2
+        jump2 = (share * z[i]) ** 2 + (hidden2 if outage else 0.0)
         inflate_position_to(c, i, max(odds / (1.0 + odds) * jump2, least * z[i] * z[i]))

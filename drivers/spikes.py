@@ -27,6 +27,7 @@ DECAY = 1.0 / 1024.0  # by which `recent_change` decays per sample
 BROKEN_SHARE_GAIN = 1.0 / 256.0  # weight of one frame in `broken_share`
 NEWEST_GAIN = 1.0 / 16.0  # the same in `newest_broken_share`
 DAMAGING_SHARE = 0.003  # of frames that break: one in the time constant. From here on the line damages values
+UNDAMAGED_SHARE = 0.001  # at which it no longer does
 DAMAGED_RATIO, MEDIAN_GAIN = 8.0, 1.0 / 16.0  # RATIO on such a line: of the median; step with which that is found
 DAMAGED_FLOOR = 1.0 / 16.0  # of `floor`, on such a line
 DAMAGED_GAP_MAX = 128  # GAP_MAX on such a line: whole frames are rare, and the first after a gap may be damaged, too
@@ -41,7 +42,7 @@ SPIKES = np.dtype(
         ("last_spike", "<i8", (6,)),  # the last spike
         ("broken_share", "<f8"),  # of frames that lately broke on the line, where no checksum covers the values
         ("newest_broken_share", "<f8"),  # the same of the last few frames
-        ("damaging", "<i8"),  # 1: beyond DAMAGING_SHARE
+        ("damaging", "<i8"),  # 1: beyond DAMAGING_SHARE, until UNDAMAGED_SHARE
         ("alike", "<i8"),  # spikes in a row that are near each other, on such a line
         ("spike_count", "<i8"),  # spikes in a row
         ("started", "<i8"),
@@ -56,10 +57,11 @@ def count_frame(s: Any, broken: bool) -> None:
     one = 1.0 if broken else 0.0
     s.broken_share += BROKEN_SHARE_GAIN * (one - s.broken_share)
     s.newest_broken_share += NEWEST_GAIN * (one - s.newest_broken_share)
-    if s.damaging == 0 and s.broken_share > DAMAGING_SHARE:
+    damaging = 1 if s.broken_share > (UNDAMAGED_SHARE if s.damaging else DAMAGING_SHARE) else 0
+    if damaging != s.damaging:  # the same changes are allowed as before
         for i in range(6):
-            s.recent_change[i] *= RATIO / DAMAGED_RATIO
-    s.damaging = 1 if s.broken_share > DAMAGING_SHARE else 0
+            s.recent_change[i] *= RATIO / DAMAGED_RATIO if damaging else DAMAGED_RATIO / RATIO
+    s.damaging = damaging
 
 
 @kernel

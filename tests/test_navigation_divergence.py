@@ -1,4 +1,4 @@
-"""An estimate that runs away from right positions, because tilt or a bias have changed: found, stated and corrected."""
+"""An estimate that diverges from right positions, because tilt or a bias have changed: found, stated and corrected."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from imud.estimators.ins.aiding.gnss_gate import measure_divergence
 from imud.estimators.ins.integrity.reset_inflation import limit_inflation
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, STATES
+from imud.estimators.ins.state import ATTITUDE, NAVIGATING, STATES
 from imud.math.kalman import unpack
 
 D = Later(drive, 200.0, speed=12.0)
@@ -30,6 +30,7 @@ def counted(offsets, every_s=1.0, sigma=0.02, noise=0.02):
     """Count of positions that accelerate away, after these offsets, m north, since a used one at 0 s, in a row."""
     c = core()
     c.gnss.last_used_ns, c.gnss.reported_sigma[0], c.gnss.noise_var[0] = 0, sigma, noise**2
+    c.alignment.mode, c.integrity.divergence_ns = NAVIGATING, -1
     counts = []
     for i, offset in enumerate(offsets):
         c.nav.t_ns = round(1e9 * every_s * (i + 1))
@@ -64,9 +65,32 @@ def test_jumps_drifts_and_outliers_do_not(offsets):
 
 def test_noise_needs_longer():
     """Positions of 2 m: in a second an acceleration of 0.5 m/s^2 is within their noise."""
-    offsets = 0.5 * 0.5 * np.arange(1.0, 26.0) ** 2
+    offsets = 0.5 * 0.5 * np.arange(1.0, 41.0) ** 2
     precise, noisy = counted(offsets), counted(offsets, sigma=2.0, noise=0.5)
-    assert precise.index(3) == 3 and 8 < noisy.index(3) < 16
+    assert precise.index(3) == 3 < noisy.index(3)
+
+
+@pytest.mark.parametrize("every_s", [1.0, 0.2])
+def test_a_noisy_drift_hardly_ever_diverges(every_s):
+    """4 m/s for 20 s, 0.5 m of noise; with the sigma of a single velocity 38 % did, at 5 Hz 82 %."""
+    rng, t = np.random.default_rng(6), every_s * np.arange(1.0, 20.0 / every_s)
+    runs = [counted(4.0 * t + rng.normal(0.0, 0.5, len(t)), every_s, sigma=1e-3, noise=0.5) for _ in range(60)]
+    assert np.mean([max(run) >= 3 for run in runs]) < 0.15
+
+
+@pytest.mark.parametrize(("every", "sigma", "seed"), [(1.0, 2.0, 2), (1.0, 2.0, 3), (0.2, 1.0, 2)])
+def test_the_estimate_does_not_follow_a_receiver_that_drifts(every, sigma, seed):
+    """4 m/s for 20 s; with the sigma of a single velocity it was dragged away by 70 to 180 m."""
+    rng = np.random.default_rng(seed)
+    d = drive(240.0, speed=12.0)
+    samples, fixes = sensed(d, rng), received(d, rng, every=every, sigma=sigma, white=0.5)
+    for name in ("speed", "course"):
+        fixes[name] = np.nan
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    drifts = (t > 130.0) & (t < 150.0)
+    fixes["lat"][drifts] += 4.0 * (t[drifts] - 130.0) / 6.37e6
+    out = navigate(samples, fixes)[0]
+    assert np.abs(errors(d, out)[0][d.t > 60.0, :2]).max() < 20.0
 
 
 def changed(samples, w=(0.0, 0.0, 0.0), f=(0.0, 0.0, 0.0)):
@@ -92,7 +116,7 @@ def test_a_step_of_the_gyro_biases_with_positions_of_centimetres(w):
     out = navigate(changed(sensed(D, rng), w), centimetres(rng))[0]
     p = np.hypot(*errors(D, out)[0][:, :2].T)
     after = D.t > STEP_S
-    assert p[after].max() < 20.0
+    assert p[after].max() < 10.0
     assert p[D.t > STEP_S + 20.0].max() < 3.0
     sigma = np.hypot(*out["sigma_p"][:, :2].T)
     assert np.mean((p > 4.0 * sigma) & (p > 2.0)) < 0.005

@@ -218,6 +218,13 @@ def restart_gain(p: Parameters, s: State) -> None:
 
 
 @kernel
+def restart_attitude_step(p: Parameters, s: State) -> None:
+    """The attitude is a new one: nothing that was found of slips belongs to it."""
+    restart_gain(p, s)
+    s.attitude_step.levelled_angle = s.attitude_step.likely_hand_s = 0.0
+
+
+@kernel
 def level_by_window(p: Parameters, s: State, use_mean: bool, var: float) -> None:
     """Rotate the force of the window, or its mean force, to the vertical."""
     step = s.attitude_step

@@ -29,7 +29,7 @@ from ...math.rotation import (
     quat_of_gravity,
     quat_product,
 )
-from .attitude_step import restart_gain
+from .attitude_step import restart_attitude_step
 from .divergence import restart_velocity_gain
 from .ekf import update_sigmas
 from .error_model import add_variance, age_tilt, reset_variance, variance
@@ -101,7 +101,7 @@ def initialise_attitude(p: Parameters, s: State, f: Vector, last_f: Vector, is_f
         known.delta_v[i] = 0.0
         reset_motion(p, s, i)
     restart_velocity_gain(s)
-    restart_gain(p, s)
+    restart_attitude_step(p, s)
     known.duration = 0.0
     reset_integrals(s)
     record_restart(s)

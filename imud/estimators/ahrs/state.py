@@ -191,7 +191,7 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("hand_held_s", "<f8"),  # of lively motion that is no vehicle's
         ("travel_s", "<f8"),  # of travel, fading
         ("levelled_angle", "<f8"),  # rad, by which the tilt was turned, and wrongly so if this was a vehicle; fading
-        ("likely_hand_s", "<f8"),  # for which the hypotheses' word that it is a hand still counts
+        ("likely_hand_s", "<f8"),  # for which a hand, as the hypotheses last found it, still counts
         ("possible_tilt_error", "<f8"),  # rad, by which the tilt may be wrong while the gain grows
     ],
     align=True,

@@ -35,6 +35,7 @@ from ..state import HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VER
 from .gnss_reset import (
     allow_for_wrong_velocity,
     bias_free_innovation,
+    diverging_inflation,
     inflate_after_outage,
     inflate_to_diverging,
     inflate_to_fix,
@@ -101,7 +102,7 @@ TUNABLES = (
         "Least acceleration of rejected positions away from the estimate.",
         "A tilt that is wrong by 1 deg.",
     ),
-    Tunable("divergence_sigmas", 2.0, "sigma", "Least change of the velocity of rejected positions.", "Two sigma."),
+    Tunable("divergence_sigmas", 3.0, "sigma", "Least change of the velocity of rejected positions.", "Three sigma."),
     Tunable(
         "divergence_window_s",
         5.0,
@@ -248,9 +249,9 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     """Store what the rejected position, of this NIS, says if the estimate is wrong instead of the receiver.
 
     That is the velocity error that explains it, and how far off it is: if rejected positions agree, one of the two
-    places is wrong, the estimate's with a probability that grows with their share, or as they accelerate away; so does
-    the first one, if few have been used before. After an outage the estimate is as likely to be wrong, with all errors
-    that have grown since: the stated P is as much larger.
+    places is wrong, the estimate's with a probability that grows with their share, or as they accelerate away. The
+    first one counts, too, if few have been used before. After an outage the estimate is as likely to be wrong, with all
+    errors that have grown since: the stated P is as much larger.
     """
     g = c.integrity
     most = 0.0 if supported else math.sqrt(inertial_velocity_variance(p, c))
@@ -261,12 +262,14 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
     share = reject_share(c) if agree else share_of_few(p, c)
     if g.divergence_count > 1 and not supported and not wheels_support(p, c):  # the first may be a jump
-        share = max(share, min(g.divergence_count / p.tuning.divergence_count, 1.0))
+        odds = min(g.divergence_count / p.tuning.divergence_count, 1.0)
+        share = max(share, odds)
+        g.rejected_inflation = max(g.rejected_inflation, odds * (diverging_inflation(p, c, nis) - 1.0))
     for i in range(2):
         g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
     height = bias_free_innovation(c, 2)  # it is not tested with this position, so what was stated of it stays
-    if math.isfinite(height):
-        g.rejected_position2[2] = max(g.rejected_position2[2], share * height * height)
+    if math.isfinite(height) and share > 0.0:
+        g.rejected_position2[2] = share * height * height
 
 
 @kernel
@@ -313,16 +316,17 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 @kernel
 def measure_divergence(p: Parameters, c: Core) -> None:
-    """Count how often the rejected positions in a row have accelerated away from the estimate.
+    """Count how often the positions have accelerated away from the estimate since the last one that was used.
 
     A receiver that jumps stays where it is, and one that drifts does so evenly; what accelerates for long is the double
     integral of a wrong force: of a tilt, which makes no more of it than gravity, and may turn with the vehicle. The
     velocities that are compared are those over as short a time as their noise allows.
     """
     g = c.integrity
-    if g.reject_count[HORIZONTAL] == 1:
+    if g.divergence_ns < c.gnss.last_used_ns or c.alignment.mode != NAVIGATING:
         moved = c.drift.detected != 0  # the estimate, after the last position that was used
-        g.divergence_count, g.divergence_ns = 0, c.nav.t_ns if moved else c.gnss.last_used_ns
+        g.divergence_count = 0
+        g.divergence_ns = c.nav.t_ns if moved or c.alignment.mode != NAVIGATING else c.gnss.last_used_ns
         for i in range(2):
             g.diverging_offset[i] = bias_free_innovation(c, i) if moved else 0.0
             g.diverging_velocity[i] = 0.0
@@ -330,7 +334,7 @@ def measure_divergence(p: Parameters, c: Core) -> None:
     if dt < p.tuning.divergence_step_s:
         return
     walk = 2.0 * c.gnss.reported_sigma[HORIZONTAL] ** 2 / p.tuning.gnss_bias_time_s
-    noise = math.sqrt(2.0 * c.gnss.noise_var[HORIZONTAL] + walk * dt) / dt
+    noise = math.sqrt(6.0 * c.gnss.noise_var[HORIZONTAL] + 2.0 * walk * dt) / dt  # of a difference of two velocities
     north = (bias_free_innovation(c, 0) - g.diverging_offset[0]) / dt
     east = (bias_free_innovation(c, 1) - g.diverging_offset[1]) / dt
     along = north * g.diverging_velocity[0] + east * g.diverging_velocity[1]
@@ -352,7 +356,7 @@ def measure_divergence(p: Parameters, c: Core) -> None:
 
 @kernel
 def estimate_diverges(p: Parameters, c: Core) -> bool:
-    """Whether the rejected positions show that the estimate runs away; not where wheels support the velocity."""
+    """Whether the rejected positions show that the estimate diverges; not where wheels support the velocity."""
     navigates = c.alignment.mode == NAVIGATING and not wheels_support(p, c)
     return bool(navigates and c.integrity.divergence_count >= p.tuning.divergence_count)
 
@@ -361,7 +365,7 @@ def estimate_diverges(p: Parameters, c: Core) -> bool:
 def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool:
     """Whether it is too early to use a rejected position.
 
-    A receiver of centimetres measures the phase of the carriers: it does not go on at a velocity of its own.
+    A receiver with centimetre accuracy measures the phase of the carriers: it does not extrapolate.
     """
     if diverges and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
         return False
@@ -404,7 +408,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     longest_s = p.tuning.wheel_max_reject_s if drifts else p.tuning.max_reject_s
     if (supported or (drift_is_plausible(p, c, fix) and not diverges)) and not consistent and outage_s < longest_s:
         return False
-    if diverges:
+    if diverges and diverging_inflation(p, c, nis) > 1.0:
         inflate_to_diverging(p, c, nis)
     elif not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
         inflate_to_fix(c, nis)
@@ -426,7 +430,8 @@ def state_rejected_height(p: Parameters, c: Core, share: float) -> None:
     """
     g, z = c.integrity, c.scratch.position_innovation[2]
     is_outlier = g.reject_count[VERTICAL] == 1 and p.tuning.max_reject_share * (g.height_uses + 1.0) >= 1.0
-    g.rejected_position2[2] = 0.0 if is_outlier else share * z * z
+    if not is_outlier:
+        g.rejected_position2[2] = share * z * z
 
 
 @kernel

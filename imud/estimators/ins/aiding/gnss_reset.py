@@ -48,7 +48,7 @@ TUNABLES = (
         "max_diverging_tilt",
         math.radians(10.0),
         "rad",
-        "Largest tilt sigma to which P is inflated where the estimate runs away.",
+        "Largest tilt sigma to which P is inflated where the estimate diverges.",
         "Linearization.",
     ),
     Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
@@ -121,16 +121,22 @@ def inflate_to_fix(c: Core, nis: float) -> None:
 
 
 @kernel
+def diverging_inflation(p: Parameters, c: Core, nis: float) -> float:
+    """By what P is multiplied where the estimate diverges from a position of this NIS; 1: the tilt is wide already."""
+    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    return float(max(1.0, min(nis, p.tuning.max_diverging_tilt**2 / tilt2)))
+
+
+@kernel
 def inflate_to_diverging(p: Parameters, c: Core, nis: float) -> None:
-    """Multiply P by the NIS of a position from which the estimate runs away, so that it is used.
+    """Multiply P by the NIS of a position from which the estimate diverges, so that it is used.
 
     A bias or the mounting has changed, say: tilt and velocity have gone wrong together, which a reset of the position
     would not correct. The heading, which turns slowly meanwhile, is as after a reset. The receiver may be wrong
-    instead, unless it is one of centimetres.
+    instead, unless it has centimetre accuracy: then the difference is stated as an error.
     """
-    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
     heading2 = variance(c, ATTITUDE + 2)
-    inflate(c, max(1.0, min(nis, p.tuning.max_diverging_tilt**2 / tilt2)))
+    inflate(c, diverging_inflation(p, c, nis))
     reduce(c, ATTITUDE + 2, heading2 + p.tuning.reset_heading_sigma**2)
     for i in range(2 if c.gnss.reported_sigma[HORIZONTAL] >= p.tuning.survey_sigma else 0):
         inflate_position(c, i, bias_free_innovation(c, i) ** 2)

@@ -1,8 +1,8 @@
 """Coarse alignment between fixes: the velocity stays that of the last one, and its variance has what the force shows.
 
-In a level frame of unknown heading the specific force has changed the velocity by dz since the last fix. How large that
-change is, is known, its direction is not: a car that brakes to a standstill without a fix is off by all of its speed.
-So each level component has at least the variance |dz|^2 / 2. The noise of an acceleration that is never measured
+In a level frame of unknown heading the specific force has changed the velocity by dz since the last fix, or rest. The
+size of that change is known, its direction is not: a car that brakes to a standstill without a fix is off by all of its
+speed. So each level component has at least the variance |dz|^2 / 2. The noise of an acceleration that is never measured
 (`noise_density.velocity_psd`) covers what is shorter than its correlation time.
 
 Source: the second moment of a vector of known length and unknown direction.
@@ -29,7 +29,7 @@ def add_velocity_change(c: Core, transition: Transition) -> None:
         return
     z = (a.integrals[DELTA_V, 0], a.integrals[DELTA_V, 1])
     since_ns = max(c.gnss.last_used_ns, a.origin_ns)
-    if a.velocity_known_ns != since_ns:
+    if a.velocity_known_ns != since_ns or c.stationarity.at_rest:
         a.velocity_known_ns, a.added_velocity_variance = since_ns, 0.0
         a.known_integral[0], a.known_integral[1] = z
     added = transition.velocity_psd * transition.interval

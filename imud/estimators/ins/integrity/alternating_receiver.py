@@ -62,7 +62,8 @@ def share_of_few(p: Parameters, c: Core) -> float:
 
     Few are so many that a single rejected one is more than `max_reject_share` of them.
     """
-    uses, rejects = c.integrity.position_uses, c.integrity.position_rejects + 1.0
+    decay = elementary.exp(-1e-9 * (c.nav.t_ns - c.integrity.position_ns) / p.tuning.alternation_memory_s)
+    uses, rejects = decay * c.integrity.position_uses, decay * c.integrity.position_rejects + 1.0
     return float(rejects / (uses + rejects) if p.tuning.max_reject_share * (uses + 1.0) < 1.0 else 0.0)
 
 

@@ -116,6 +116,10 @@ def gyro_step(samples, fixes, begin):
     samples["w"][samples["t_ns"] * 1e-9 >= begin, 2] += np.radians(0.5)
 
 
+def level_gyro_step(samples, fixes, begin):
+    samples["w"][samples["t_ns"] * 1e-9 >= begin, 0] += np.radians(1.0)
+
+
 def lever_arm(samples, fixes, begin):
     """The lever arm is given wrong, without or with a sigma: see `figures`."""
 
@@ -133,6 +137,7 @@ FAULTS = {
     "lever arm +1 m": lever_arm,
     "lever arm +1 m as sigma": lever_arm,
     "gyro +0.5 deg/s": gyro_step,
+    "level gyro +1 deg/s": level_gyro_step,
 }
 
 

@@ -77,22 +77,28 @@ def allowance(s: Any, ticks: int) -> tuple[float, float]:
 
 
 @kernel
+def limit_of(s: Any, i: int, factors: tuple[float, float]) -> float:
+    """How far axis i may change, LSB; factors: see `allowance`."""
+    return float(max(factors[0] * s.floor[i], factors[1] * s.recent_change[i]))
+
+
+@kernel
 def deviates(s: Any, ticks: int) -> bool:
     """Whether any axis differs from its last good value by more than it may. Without branches, to be fast."""
-    floor, ratio = allowance(s, ticks + s.spike_count)
+    factors = allowance(s, ticks + s.spike_count)
     found = False
     for i in range(6):
-        found |= abs(float(s.raw[i] - s.last_good[i])) > max(floor * s.floor[i], ratio * s.recent_change[i])
+        found |= abs(float(s.raw[i] - s.last_good[i])) > limit_of(s, i, factors)
     return found
 
 
 @kernel
 def changes_sign(s: Any, ticks: int) -> bool:
     """Whether an axis differs in another direction than at the spike before; stores the directions."""
-    floor, ratio = allowance(s, ticks + s.spike_count)
+    factors = allowance(s, ticks + s.spike_count)
     changed = False
     for i in range(6):
-        limit = max(floor * s.floor[i], ratio * s.recent_change[i])
+        limit = limit_of(s, i, factors)
         difference = s.raw[i] - s.last_good[i]
         sign = 1 if difference > limit else -1 if difference < -limit else 0
         changed |= sign not in (0, s.sign[i])
@@ -103,10 +109,10 @@ def changes_sign(s: Any, ticks: int) -> bool:
 @kernel
 def is_near_last_spike(s: Any, ticks: int) -> bool:
     """Whether no axis has changed by more than it may since the spike before."""
-    floor, ratio = allowance(s, ticks)
+    factors = allowance(s, ticks)
     near = s.spike_count > 0
     for i in range(6):
-        limit = max(floor * s.floor[i], ratio * s.recent_change[i])
+        limit = limit_of(s, i, factors)
         near &= abs(float(s.raw[i] - s.last_spike[i])) <= limit
     return bool(near)
 

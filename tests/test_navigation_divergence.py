@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import ekf
-from imud.estimators.ins.aiding.gnss_gate import measure_divergence
+from imud.estimators.ins.aiding.position_divergence import measure_divergence
 from imud.estimators.ins.integrity.reset_inflation import limit_inflation
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start

@@ -49,6 +49,7 @@ from .aiding import (
     lever_arm_prior,
     nhc_noise,
     non_holonomic,
+    position_divergence,
     wheel_check,
     zero_velocity,
 )
@@ -119,6 +120,7 @@ TUNABLES = (
     *gnss_position.TUNABLES,
     *gnss_velocity.TUNABLES,
     *gnss_gate.TUNABLES,
+    *position_divergence.TUNABLES,
     *gnss_reset.TUNABLES,
     *gnss_time.TUNABLES,
     *wheel_check.TUNABLES,

@@ -121,12 +121,6 @@ class Tuning:
     reset_s: float
     max_inflation: float
     consistency_gate: float
-    divergence_step_s: float
-    divergence_accel: float
-    divergence_sigmas: float
-    divergence_window_s: float
-    divergence_speed_share: float
-    divergence_count: int
     drift_reset_s: float
     max_reject_s: float
     max_drift_speed: float
@@ -137,6 +131,12 @@ class Tuning:
     min_velocity_reject_s: float
     max_reset_score: float
     reset_score_decay: float
+    divergence_step_s: float
+    divergence_accel: float
+    divergence_sigmas: float
+    divergence_window_s: float
+    divergence_speed_share: float
+    min_divergence_count: int
     reset_sigmas: float
     outage_freedom: float
     reset_position_sigma: float

@@ -4,7 +4,8 @@ After a jump the rejected positions are consistent with the estimated velocity; 
 more. So the filter is reset to rejected positions once they have been consistent with the velocity for some seconds, or
 where nothing but the IMU supports the velocity; after `max_reject_s` (`wheel_max_reject_s` where a drift is detected,
 and wheels support the velocity) in any case. A velocity of the receiver that agrees supports the velocity however far
-off the positions are, wheels and a detected drift only as far as receivers drift.
+off the positions are, wheels and a detected drift only as far as receivers drift. Where the estimate diverges from the
+positions (`position_divergence`) those with centimetre accuracy are used at once, others after `reset_s`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
-from ....math.earth import STANDARD_GRAVITY
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, variance
 from ..glr_tests.compass_offset import is_unconfirmed
@@ -41,6 +41,7 @@ from .gnss_reset import (
     inflate_to_fix,
     reset_to_gnss,
 )
+from .position_divergence import estimate_diverges, measure_divergence
 from .wheel_check import wheels_reject, wheels_support
 
 if TYPE_CHECKING:
@@ -94,37 +95,6 @@ TUNABLES = (
         "Errors ten times as large as stated; with larger ones the correction of the tilt is not small.",
     ),
     Tunable("consistency_gate", 9.0, "NIS", "Gate of a rejected position against the velocity.", "Three sigma."),
-    Tunable("divergence_step_s", 0.5, "s", "Least time between rejected positions that are compared.", "Choice."),
-    Tunable(
-        "divergence_accel",
-        0.2,
-        "m/s^2",
-        "Least acceleration of rejected positions away from the estimate.",
-        "A tilt that is wrong by 1 deg.",
-    ),
-    Tunable("divergence_sigmas", 3.0, "sigma", "Least change of the velocity of rejected positions.", "Three sigma."),
-    Tunable(
-        "divergence_window_s",
-        5.0,
-        "s",
-        "Time without such a change after which rejected positions do not diverge.",
-        "A tilt of 1 deg makes 1 m/s of it.",
-    ),
-    Tunable(
-        "divergence_speed_share",
-        0.5,
-        "",
-        "Least share of the velocity away from the estimate that goes on while it changes.",
-        "After a jump nothing does.",
-        high=1.0,
-    ),
-    Tunable(
-        "divergence_count",
-        3,
-        "times",
-        "How often rejected positions have to accelerate away before the estimate counts as wrong.",
-        "Outliers.",
-    ),
     Tunable("drift_reset_s", 20.0, "s", "As reset_s, where the receiver has been found to drift.", "Simulated drifts."),
     Tunable("max_reject_s", 60.0, "s", "Longest rejection of fixes that drift away.", "Choice."),
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
@@ -262,9 +232,9 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
     agree = g.reject_count[HORIZONTAL] > 1 and g.inconsistent_count == 0
     share = reject_share(c) if agree else share_of_few(p, c)
     if g.divergence_count > 1 and not supported and not wheels_support(p, c):  # the first may be a jump
-        odds = min(g.divergence_count / p.tuning.divergence_count, 1.0)
-        share = max(share, odds)
-        g.rejected_inflation = max(g.rejected_inflation, odds * (diverging_inflation(p, c, nis) - 1.0))
+        part = min(g.divergence_count / p.tuning.min_divergence_count, 1.0)
+        share = max(share, part)
+        g.rejected_inflation = max(g.rejected_inflation, part * (diverging_inflation(p, c, nis) - 1.0))
     for i in range(2):
         g.rejected_position2[i] = share * bias_free_innovation(c, i) ** 2
     height = bias_free_innovation(c, 2)  # it is not tested with this position, so what was stated of it stays
@@ -312,53 +282,6 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
             g.reject_velocity[i] = c.nav.v_n[i]
         return 0.0
     return float(dt)
-
-
-@kernel
-def measure_divergence(p: Parameters, c: Core) -> None:
-    """Count how often the positions have accelerated away from the estimate since the last one that was used.
-
-    A receiver that jumps stays where it is, and one that drifts does so evenly; what accelerates for long is the double
-    integral of a wrong force: of a tilt, which makes no more of it than gravity, and may turn with the vehicle. The
-    velocities that are compared are those over as short a time as their noise allows.
-    """
-    g = c.integrity
-    if g.divergence_ns < c.gnss.last_used_ns or c.alignment.mode != NAVIGATING:
-        moved = c.drift.detected != 0  # the estimate, after the last position that was used
-        g.divergence_count = 0
-        g.divergence_ns = c.nav.t_ns if moved or c.alignment.mode != NAVIGATING else c.gnss.last_used_ns
-        for i in range(2):
-            g.diverging_offset[i] = bias_free_innovation(c, i) if moved else 0.0
-            g.diverging_velocity[i] = 0.0
-    dt = 1e-9 * (c.nav.t_ns - g.divergence_ns)
-    if dt < p.tuning.divergence_step_s:
-        return
-    walk = 2.0 * c.gnss.reported_sigma[HORIZONTAL] ** 2 / p.tuning.gnss_bias_time_s
-    noise = math.sqrt(6.0 * c.gnss.noise_var[HORIZONTAL] + 2.0 * walk * dt) / dt  # of a difference of two velocities
-    north = (bias_free_innovation(c, 0) - g.diverging_offset[0]) / dt
-    east = (bias_free_innovation(c, 1) - g.diverging_offset[1]) / dt
-    along = north * g.diverging_velocity[0] + east * g.diverging_velocity[1]
-    before2 = g.diverging_velocity[0] ** 2 + g.diverging_velocity[1] ** 2
-    change = elementary.hypot(north - g.diverging_velocity[0], east - g.diverging_velocity[1])
-    goes_on = before2 == 0.0 or along > p.tuning.divergence_speed_share * before2
-    accelerates = change > p.tuning.divergence_accel * dt + p.tuning.divergence_sigmas * noise
-    if goes_on and accelerates and change < STANDARD_GRAVITY * dt:
-        g.divergence_count += 1
-    elif dt < p.tuning.divergence_window_s:
-        return
-    else:
-        g.divergence_count = 0
-    g.divergence_ns = c.nav.t_ns
-    g.diverging_velocity[0], g.diverging_velocity[1] = north, east
-    for i in range(2):
-        g.diverging_offset[i] = bias_free_innovation(c, i)
-
-
-@kernel
-def estimate_diverges(p: Parameters, c: Core) -> bool:
-    """Whether the rejected positions show that the estimate diverges; not where wheels support the velocity."""
-    navigates = c.alignment.mode == NAVIGATING and not wheels_support(p, c)
-    return bool(navigates and c.integrity.divergence_count >= p.tuning.divergence_count)
 
 
 @kernel

@@ -16,7 +16,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position
         ("rejected_position2", "<f8", (3,)),  # m^2, of the position, if it is wrong instead of rejected ones
         ("rejected_inflation", "<f8"),  # NIS of positions rejected after an outage, less 1
-        ("divergence_count", "<i8"),  # rejected positions in a row that accelerated away
+        ("divergence_count", "<i8"),  # rejected positions that accelerated away, the last ones
         ("divergence_ns", "<i8"),  # the last one that was compared
         ("diverging_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("diverging_velocity", "<f8", (2,)),  # m/s, velocity with which it moved away

@@ -199,7 +199,7 @@ def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():
     assert receiver.fix_count == 0
 
 
-def test_a_clock_that_contradicts_the_receiver_is_said(monkeypatch):
+def test_a_clock_that_contradicts_the_receiver_is_logged(monkeypatch):
     """Outputs and files have the machine's time. A second is no latency; minutes before midnight are near the day."""
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(10):

@@ -53,10 +53,10 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
         gain2 += gain * gain
         mean2 += step.mean_gain[i] ** 2
-    unusual = is_undecided(p, s) and force_lasts(p, s) and not is_in_a_hand(p, s)
+    may_be_slip = is_undecided(p, s) and force_lasts(p, s) and not is_in_a_hand(p, s)
     if step.hand_held_s == 0.0:
         step.usual_s = 0.0
-    elif s.stationarity.stationary == 0 and not unusual:
+    elif s.stationarity.stationary == 0 and not may_be_slip:
         step.usual_s = min(step.usual_s + time, c.usual_gain_time_s)
         part = time / (min(step.hand_held_s, step.usual_s) + time)
         least2 = 0.25 * c.min_gain_mps**2  # what is not usual counts in part: else a slip becomes usual

@@ -165,15 +165,17 @@ def horizontal(d, s):
     return np.hypot(d[:, 0], d[:, 1]), np.hypot(d[:, 0] / s[:, 0], d[:, 1] / s[:, 1])
 
 
-def yaw_errors(truth, d, i, est, t):
-    """Errors of the yaw, deg, NaN where there is no reference."""
+def yaw_errors(truth, d, i, est, t, valid):
+    """Errors of the yaw, deg, NaN where there is no reference; cars without one: against the course, but for what the
+    yaws that are valid have in common."""
     if np.isfinite(truth[i, 9]).any():
         return d[:, 8]
     vn, ve = truth[i, 4], truth[i, 5]
     yaw = np.degrees(np.interp(t, est[:, 0], np.unwrap(np.radians(est[:, 9]))))
     away = (yaw - np.degrees(np.arctan2(ve, vn)) + 180.0) % 360.0 - 180.0
     away[np.hypot(vn, ve) < COURSE_MPS] = np.nan
-    middle = np.angle(np.nanmedian(np.exp(1j * np.radians(away)).real) + 1j * np.nanmedian(np.sin(np.radians(away))))
+    known = np.radians(away[valid & np.isfinite(away)])
+    middle = np.angle(np.median(np.cos(known)) + 1j * np.median(np.sin(known))) if known.size else 0.0
     return (away - np.degrees(middle) + 180.0) % 360.0 - 180.0
 
 
@@ -199,7 +201,7 @@ def figures(name, grade, fault, vehicle, profile, tuning, lengths, smooth):
     t, d, i = score.errors(est, truth, arm)
     sigma = np.column_stack([np.interp(t, est[:, 0], est[:, k]) for k in range(10, 19)])
     status = out["status"][np.searchsorted(out["t_ns"], (t * 1e9).astype(np.int64), "right") - 1]
-    d[:, 8] = yaw_errors(truth, d, i, est, t)
+    d[:, 8] = yaw_errors(truth, d, i, est, t, status & HEADING_VALID > 0)
     flown = (t >= meta.get("score_from", t[0] + 60.0 + 100.0 * (name[:3] == "ixr"))) & (
         t <= meta.get("score_to", t[-1])
     )

@@ -230,7 +230,7 @@ def run(seed, tuning):
     if mount is not None:
         sigma[:, 6:9] = sigma[:, 6:9].max(axis=1)[:, None]
     status = out["status"][np.searchsorted(out["t_ns"], (t * 1e9).astype(np.int64), "right") - 1]
-    d[:, 8] = yaw_errors(truth, d, i, est, t)
+    d[:, 8] = yaw_errors(truth, d, i, est, t, status & HEADING_VALID > 0)
     if mount is not None and not np.isfinite(truth[i, 9]).any():
         d[:, 8] = np.nan
     away, sigmas = horizontal(d[:, :2], sigma[:, :2])

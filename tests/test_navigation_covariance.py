@@ -62,11 +62,8 @@ def made(seed):
     attitude = Rotation.random(random_state=seed)
     c["nav"]["q_nb"] = np.roll(attitude.as_quat(), 1)
     c["gnss"]["reported_sigma"] = (1.5, 3.0)
-    c["imu"]["accel_n"], c["imu"]["rate_b"], c["stationarity"]["vibration_level"] = (
-        rng.standard_normal(3),
-        rng.standard_normal(3),
-        0.4,
-    )
+    c["imu"]["accel_n"], c["imu"]["rate_b"] = rng.standard_normal(3), rng.standard_normal(3)
+    c["stationarity"]["vibration_level"], c["stationarity"]["attitude_noise_level"] = 0.4, 0.6
     return p, s, c, P, attitude.as_matrix(), rng
 
 

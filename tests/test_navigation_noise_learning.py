@@ -17,6 +17,7 @@ from imud.estimators.ins.process_noise import (
 )
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, STATES
+from imud.estimators.ins.stationarity import update_attitude_noise_level
 from imud.estimators.records import REJECTING
 from imud.math.kalman import unpack
 
@@ -24,6 +25,7 @@ inflate_earlier_estimates = in_c(inflate_earlier_estimates)
 learn_process_noise = in_c(learn_process_noise)
 propagate_learning = in_c(propagate_learning)
 update_learning = in_c(update_learning)
+update_attitude_noise_level = in_c(update_attitude_noise_level)
 
 N = 9  # position, velocity, attitude
 FIXES, DT, STEPS, R = 12, 0.25, 4, 0.04**2
@@ -81,7 +83,8 @@ def test_the_scores_are_the_derivatives_of_the_log_likelihood(seed):
     g, scratch = c["process_noise"], c["scratch"]
     g["log_psd"], g["psd"], g["log_psd_covariance"] = log_psd, np.exp(log_psd), (sigma2, 0.0, sigma2)
     g["covariances"][:, 0] = np.diag(np.repeat([1.0, 0.3, 0.02], 3) ** 2)[np.triu_indices(N)]
-    c["stationarity"]["vibration_level"], scratch["transition"]["interval"] = 1.0, DT
+    c["stationarity"]["vibration_level"], c["stationarity"]["attitude_noise_level"] = 1.0, 1.0
+    scratch["transition"]["interval"] = DT
     scratch["transition"]["velocity_psd"], scratch["transition"]["attitude_psd"] = np.exp(log_psd)
     for k in range(FIXES):
         for force in forces[k]:
@@ -197,3 +200,18 @@ def test_what_was_estimated_with_too_small_a_noise_is_opened_but_not_the_gyro_bi
     assert added[ACCEL_BIAS : ACCEL_BIAS + 3] == pytest.approx([float(p["accel_bias_sigma"]) ** 2] * 3)
     assert (added[ATTITUDE : ATTITUDE + 3] > 0.0).all()
     assert (added[GYRO_BIAS : GYRO_BIAS + 3] == 0.0).all()
+
+
+def test_the_attitudes_noise_follows_the_vibration_of_the_gyros():
+    """Learned on roads of all kinds, it belongs to their mean: numpy's average, without the windows at rest."""
+    p = configure(Settings(), 100.0)
+    s = start(p, Initial())["core"][0, 0]["stationarity"]
+    rng = np.random.default_rng(4)
+    powers, levels = 1e-6 * rng.lognormal(0.0, 1.0, 400), np.where(rng.random(400) < 0.8, 0.99, 0.1)
+    levels[0], s["duration"] = 0.99, 0.5
+    share, most = p[0]["tuning"]["constant_noise_share"], p[0]["tuning"]["max_vibration_ratio"]
+    for k, (power, level) in enumerate(zip(powers, levels, strict=True)):
+        s["vibration_gyro_psd"], s["vibration_level"] = power, level
+        update_attitude_noise_level(p[0], s)
+        ratio = min(power / powers[: k + 1][levels[: k + 1] > 0.5].mean(), most)
+        assert s["attitude_noise_level"] == pytest.approx(level * (share + (1.0 - share) * ratio))

@@ -160,6 +160,9 @@ STATIONARITY = np.dtype(
         ("vibration_level", "<f8"),  # 0 to 1, how much of a vehicle's vibration there is
         ("vibration_accel_psd", "<f8"),  # m^2/s^3, noise density added by vibration
         ("vibration_gyro_psd", "<f8"),  # rad^2/s
+        ("mean_vibration_gyro_psd", "<f8"),  # of windows under way
+        ("vibration_time", "<f8"),  # s, how long those were, up to that of the mean
+        ("attitude_noise_level", "<f8"),  # by how much the learned noise of the attitude is multiplied
     ],
     align=True,
 )

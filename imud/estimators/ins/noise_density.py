@@ -99,7 +99,7 @@ def attitude_psd(p: Parameters, c: Core, turn_rate: float) -> float:
     gyro_psd = max(p.gyro_psd, floor * floor * p.period / 3.0)  # the smallest deviation is that of noise
     return float(
         gyro_psd
-        + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.vibration_level  # learned
+        + c.process_noise.psd[ATTITUDE_NOISE] * c.stationarity.attitude_noise_level  # learned
         + c.stationarity.vibration_gyro_psd
         + p.gyro_scale**2 * rate2 * p.tuning.gyro_scale_time_s
     )

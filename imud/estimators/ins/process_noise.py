@@ -44,7 +44,16 @@ from ...math.kalman import packed_index
 from ...math.lanes import measure, shear, shear3, subtract_update
 from ..tuning import Tunable
 from .ekf import add_variance, covariance, exponential
-from .state import ACCEL_BIAS, ATTITUDE, LEARNING_STATES, POSITION, REPORTED_EPOCHS, TIME_OFFSET, VELOCITY
+from .state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    LEARNING_STATES,
+    POSITION,
+    REPORTED_EPOCHS,
+    TIME_OFFSET,
+    VELOCITY,
+    VELOCITY_NOISE,
+)
 from .time_evidence import forget_time_evidence
 
 if TYPE_CHECKING:
@@ -194,12 +203,13 @@ def add_noise(c: Core, lane: int, first: int, q: float) -> None:
 @kernel
 def propagate_learning(p: Parameters, c: Core, transition: Transition) -> None:
     """C <- T C T' + Q, D <- T D T' + dQ, e <- T e, and the random walk of the logarithms."""
-    g, dt = c.process_noise, transition.interval
+    g, s, dt = c.process_noise, c.stationarity, transition.interval
     propagate_covariances(c, transition)
     add_noise(c, 0, VELOCITY, transition.velocity_psd * dt)
     add_noise(c, 0, ATTITUDE, transition.attitude_psd * dt)
     for k in range(2):
-        psd_derivative = exponential(c, 2 + k, g.log_psd[k]) * c.stationarity.vibration_level  # of q by log_psd
+        level = s.vibration_level if k == VELOCITY_NOISE else s.attitude_noise_level
+        psd_derivative = exponential(c, 2 + k, g.log_psd[k]) * level  # of q by log_psd
         propagate_vector(g.estimate_sensitivity[k], transition)
         add_noise(c, 1 + k, VELOCITY if k == 0 else ATTITUDE, psd_derivative * dt)
         if psd_derivative > 0.0 and g.log_psd_covariance[2 * k] < p.tuning.process_noise_prior**2:

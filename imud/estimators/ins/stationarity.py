@@ -22,7 +22,7 @@ from .state import NAVIGATING
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
-    from .types import Core, MotionClass, Parameters
+    from .types import Core, MotionClass, Parameters, Stationarity
 
 
 TUNABLES = (
@@ -87,6 +87,30 @@ TUNABLES = (
         "m/s^2",
         "Vibration from sample to sample at which a vehicle counts as half under way.",
         "Recorded drives.",
+    ),
+    Tunable(
+        "vibration_mean_time_s",
+        300.0,
+        "s",
+        "Averaging time of the gyros' vibration under way, to which the learned noise of the attitude belongs.",
+        "Some kinds of roads.",
+        low=1.0,
+    ),
+    Tunable(
+        "max_vibration_ratio",
+        20.0,
+        "",
+        "Largest ratio of the gyros' vibration to its mean by which the learned noise of the attitude grows.",
+        "Choice.",
+        low=1.0,
+    ),
+    Tunable(
+        "constant_noise_share",
+        0.3,
+        "",
+        "Share of the learned noise of the attitude that the gyros' vibration does not change.",
+        "Likelihood of recorded drives and flights; 0.1 to 0.5 hardly differ.",
+        high=1.0,
     ),
     Tunable("fresh_fix_s", 2.0, "s", "Age up to which a fix gives the present speed.", "Two fixes of a 1 Hz receiver."),
     Tunable("rest_speed", 0.3, "m/s", "Largest speed of a receiver at rest.", "Three sigma of real receivers."),
@@ -251,6 +275,7 @@ def classify_window(p: Parameters, c: Core) -> None:
     vibration2 = max(s.sum_force_difference2 / (6.0 * s.sample_count) - 2.0 * p.accel_psd / dt, 0.0)
     s.vibration_accel_psd = p.tuning.vibration_noise_share * vibration2 * dt
     s.vibration_level = vibration2 / (vibration2 + p.tuning.moving_vibration_accel**2)
+    update_attitude_noise_level(p, s)
     least = math.sqrt(3.0 * p.gyro_psd / dt)
     if s.gyro_noise_floor <= 0.0:
         s.gyro_noise_floor = deviation
@@ -265,6 +290,24 @@ def classify_window(p: Parameters, c: Core) -> None:
     stationary = low_motion and f2 < p.tuning.stationary_accel**2
     s.stationary_count = s.stationary_count + 1 if stationary else 0
     update_evidence(p, c, elementary.log(max(deviation, least)))
+
+
+@kernel
+def update_attitude_noise_level(p: Parameters, s: Stationarity) -> None:
+    """Update by how much the learned noise of the attitude is multiplied, after a window of known vibration.
+
+    Vibration that turns the sensor makes its gyros err by aliasing and coning, in proportion to its power: the learned
+    noise is that of its mean under way.
+    """
+    if s.vibration_level > 0.5:
+        s.vibration_time = min(s.vibration_time + s.duration, p.tuning.vibration_mean_time_s)
+        share = s.duration / s.vibration_time
+        s.mean_vibration_gyro_psd += share * (s.vibration_gyro_psd - s.mean_vibration_gyro_psd)
+    s.attitude_noise_level = s.vibration_level
+    if s.mean_vibration_gyro_psd > 0.0:
+        ratio = min(s.vibration_gyro_psd / s.mean_vibration_gyro_psd, p.tuning.max_vibration_ratio)
+        constant = p.tuning.constant_noise_share
+        s.attitude_noise_level *= constant + (1.0 - constant) * ratio
 
 
 @kernel

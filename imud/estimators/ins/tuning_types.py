@@ -64,6 +64,9 @@ class Tuning:
     noise_floor_growth: float
     vibration_noise_share: float
     moving_vibration_accel: float
+    vibration_mean_time_s: float
+    max_vibration_ratio: float
+    constant_noise_share: float
     fresh_fix_s: float
     rest_speed: float
     rest_rate: float

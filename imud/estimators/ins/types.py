@@ -140,6 +140,9 @@ class Stationarity:
     vibration_level: float
     vibration_accel_psd: float
     vibration_gyro_psd: float
+    mean_vibration_gyro_psd: float
+    vibration_time: float
+    attitude_noise_level: float
 
 
 class BiasChanges:

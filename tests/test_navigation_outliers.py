@@ -6,8 +6,11 @@ from navigation_runner import navigate
 from navigation_simulation import Later, drive, errors, received, sensed
 from simulated_errors import outliers
 
+from imud.configuration.settings import Navigation, Settings
+
 D = Later(drive, 160.0, speed=12.0)
 LONG = Later(drive, 260.0, speed=12.0)
+STRAIGHT = Later(drive, 160.0, speed=12.0, straight_s=5.0)  # it hardly shows the lever arm
 
 
 def run(fixes, d=D):
@@ -88,3 +91,17 @@ def test_a_position_that_is_off_after_an_outage_bends_nothing_else(every):
     assert np.abs(velocity[since, :2]).max() < 2.5
     assert np.degrees(np.abs(attitude[since, 2])).max() < 2.0
     assert np.hypot(*position[-1, :2]) < 5.0
+
+
+@pytest.mark.parametrize("at", [26, 29, 32])
+def test_an_outlier_of_a_survey_is_no_lever_arm(at):
+    """Positions of centimetres alone, while little is known of the lever arm: one was 70 m, the position 190 m off."""
+    fixes = received(STRAIGHT, np.random.default_rng(4), late=0.0, sigma=0.0, white=0.02)
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    fixes["speed"] = fixes["course"] = np.nan
+    fixes["lat"][at] += 30.0 / 6.37e6
+    fixes["lon"][at] += 40.0 / 6.37e6
+    samples = sensed(STRAIGHT, np.random.default_rng(1), bg=(0.002, -0.001, 0.0015))
+    out, _, state = navigate(samples, fixes, Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))))
+    assert np.abs(errors(STRAIGHT, out)[0][6000:, :2]).max() < 1.0
+    assert not state["core"][0, 0]["nav"]["gnss_lever_arm"].any()

@@ -27,6 +27,7 @@ approach to the detection and estimation of jumps in linear systems (1976).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel, unrolled
@@ -54,6 +55,8 @@ from ..state import (
 
 if TYPE_CHECKING:
     from ..types import Core, Transition
+
+OUTLIER_SIGMAS = 5.0  # beyond what the largest fault explains
 
 
 @kernel
@@ -233,6 +236,15 @@ def chi2_beyond(information: float, vector: float, energy: float, count: float) 
         return 0.0
     explained = vector * vector / information
     return float(explained / max((energy - explained) / count, 1.0))
+
+
+@kernel
+def may_explain(mean: float, most: float, z: float, s: float) -> bool:
+    """Whether a fault of at most that size, per unit of which an innovation z of variance s has this mean, explains it.
+
+    What none explains within OUTLIER_SIGMAS is an outlier, which alone would outweigh all other innovations.
+    """
+    return bool(abs(z) < most * mean + OUTLIER_SIGMAS * math.sqrt(s))
 
 
 @kernel

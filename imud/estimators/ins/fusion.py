@@ -120,7 +120,7 @@ def fix_update(
     if c.alignment.mode == NAVIGATING and c.drift.detected != BY_WHEELS:
         if gate != REJECT or max(c.integrity.reject_count[HORIZONTAL], c.integrity.reject_count[VERTICAL]) <= 1:
             learn_process_noise(p, c, length, z, s)
-        add_to_time_offset_step(p, c, z, s, axis)
+        add_to_time_offset_step(c, z, s, axis)
         add_to_lever_arm_error(p, c, z, s, r, axis)
         if gate != REJECT:
             add_to_gyro_bias_step(p, c, z, s, r, axis)

@@ -5,8 +5,7 @@ offset since an onset is a fault of `fault_sensitivity`. Least squares over the 
 since the onset, also of those that were rejected, gives d. Its chi-square is divided by the mean square of the
 residuals, so that errors of the receiver in any direction are no evidence of a step, and a constant jump of the
 position is eliminated first: only changes of the velocity distinguish the two. But the step has to explain most of the
-innovations without a jump, too, which it does not if one of them is an outlier; what the largest step cannot explain
-is left out at once. The onset is the last fix whose
+innovations without a jump, too, which it does not if one of them is an outlier. The onset is the last fix whose
 innovations were as expected, or after which a step could be excluded.
 
 When a step is detected, the fault is removed, and P += sigma^2 u u', with 1 at TIME_OFFSET and the velocity at
@@ -25,7 +24,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..state import NEVER_NS, POSITION, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
-from .fault_sensitivity import chi2_beyond, explains_most, may_explain, open_column, remove_fault, set_sensitivity
+from .fault_sensitivity import chi2_beyond, explains_most, open_column, remove_fault, set_sensitivity
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -86,11 +85,9 @@ def open_time_offset_step(c: Core) -> None:
 
 
 @kernel
-def add_to_time_offset_step(p: Parameters, c: Core, z: float, s: float, axis: int) -> None:
+def add_to_time_offset_step(c: Core, z: float, s: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix, used or not; call before its update; axis: see `fuse`."""
     g, hw = c.time_offset_step, c.scratch.fault_innovation[TIME_STEP_FAULT]
-    if not may_explain(abs(hw), p.tuning.max_time_offset_step_s, z, s):
-        return
     g.information += hw * hw / s
     g.vector += hw * z / s
     g.energy += z * z / s

@@ -43,7 +43,7 @@ FIELDS: Final = (  # name, what C and `struct` call it, how many, what it is
     ("version", "uint16_t", 1, "of this layout: 1"),
     ("size", "uint16_t", 1, "bytes of this record"),
     ("seq", "uint64_t", 1, "number of the sample since the daemon's start; a gap is what this client missed"),
-    ("utc_offset_ns", "int64_t", 1, "t_ns + utc_offset_ns is Unix time, as far as the machine's clock is right"),
+    ("utc_offset_ns", "int64_t", 1, "t_ns + utc_offset_ns is Unix time by the machine's clock, right or wrong"),
     ("t_ns", "int64_t", 1, "instant of the state on CLOCK_MONOTONIC"),
     ("status", "int64_t", 1, "bits: see IMUD_*"),
     ("lat", "double", 1, "rad, WGS-84; NaN without IMUD_POSITION_VALID, like lon, height and v"),

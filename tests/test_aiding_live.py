@@ -18,6 +18,7 @@ from imud.client import AidingSender, filter_states
 from imud.configuration.settings import Initial
 from imud.daemon.aiding_socket import LONGEST, AidingSocket, address_of
 from imud.daemon.status_reporter import StatusReporter
+from imud.daemon.utc import Utc
 from imud.errors import ConfigError
 from imud.estimators import registry
 from imud.estimators.records import HEADING, MAGNETOMETER
@@ -213,7 +214,7 @@ def test_a_source_whose_port_is_away_is_silent_and_not_forgotten():
     in_use = SimpleNamespace(by_kind=dict, imu=None, gnss=None, aiding_sensors={}, receivers=lambda: connected)
     selection = SimpleNamespace(inertial=None, estimator=SimpleNamespace(sources=()))
     devices = SimpleNamespace(selection=selection, in_use=in_use, spares=SimpleNamespace(sensors={}))
-    reporter = StatusReporter(devices, ContainedErrors())
+    reporter = StatusReporter(devices, ContainedErrors(), Utc())
     reporter._check_all(10**9)
     connected.clear()
     reporter._check_all(31 * 10**9)

@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,14 +13,12 @@ from nmea_lines import gga, line
 
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.change_logger import STATUS_LASTS_NS, ChangeLogger, Debouncer
-from imud.daemon.status_reporter import StatusReporter
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 from imud.pipeline import Filter, InertialPipeline
-from imud.process.contained import ContainedErrors
 from imud.sensors.inertial import Inertial
 from imud.sensors.receiver import Receiver, jumps
 
@@ -197,23 +194,6 @@ def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():
         "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA",
     )
     assert receiver.fix_count == 0
-
-
-def test_a_clock_that_contradicts_the_receiver_is_logged(monkeypatch):
-    """Outputs and files have the machine's time. A second is no latency; minutes before midnight are near the day."""
-    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
-    for second in range(10):
-        data = line(f"GPRMC,23595{second}.00,A,4800.0{second},N,01131.0,E,5.0,84.4,230394,,,A")
-        receiver.feed(data, (100 + second) * SECOND)
-        receiver.flush((100 + second) * SECOND + SECOND // 2)
-    near_ns = 764_467_199 * SECOND  # 1994-03-23 23:59:59
-    assert receiver.utc_less_monotonic_s(near_ns) == pytest.approx(764_467_190 - 100, abs=0.5)
-    devices = SimpleNamespace(in_use=SimpleNamespace(gnss=SimpleNamespace(sensor=receiver)))
-    reporter = StatusReporter(devices, ContainedErrors())
-    monkeypatch.setattr(time, "monotonic_ns", lambda: 109 * SECOND)
-    for unix_ns, says in ((near_ns, False), (near_ns + 5 * SECOND, True), (near_ns - 365 * 86_400 * SECOND, True)):
-        monkeypatch.setattr(time, "time_ns", lambda unix_ns=unix_ns: unix_ns)
-        assert ["machine's clock" in text for text in reporter.wrong_clock()] == [True] * says
 
 
 def test_a_receiver_on_a_disturbed_line_is_not_called_well():

@@ -173,9 +173,14 @@ for number in range(2):
 """
 
 
-@pytest.mark.parametrize("kind", ["pipe", "terminal"])
-def test_a_log_that_nobody_reads_loses_lines_and_stops_nothing(kind):
-    reader, writer = os.pipe() if kind == "pipe" else os.openpty()
+def two_sockets():
+    """As the journal's: systemd connects a service's stderr so."""
+    return (end.detach() for end in socket.socketpair())
+
+
+@pytest.mark.parametrize("opened", [os.pipe, os.openpty, two_sockets])
+def test_a_log_that_nobody_reads_loses_lines_and_stops_nothing(opened):
+    reader, writer = opened()
     command = [sys.executable, "-c", UNREAD]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=writer, text=True) as process:
         os.close(writer)

@@ -93,3 +93,18 @@ def test_the_constraint_waits_for_a_course_only_where_that_would_give_the_headin
     after = rows["t_ns"][rows["kind"] == NHC_LATERAL]
     first_s = 1e-9 * (after[after > samples["t_ns"][on]][0] - samples["t_ns"][on])
     assert (first_s > 1.9) == waits and (first_s < 0.2) != waits
+
+
+@pytest.mark.parametrize(("begin_s", "seed"), [(8.5, 1), (9.5, 1), (7.5, 2), (8.5, 2)])
+def test_fixes_that_come_in_a_gap_before_the_heading_is_known_are_no_tilt(begin_s, seed):
+    """Fused at the last sample before the gap they were: the car accelerates, and its heading was wrong by 14 deg."""
+    d, rng = drive(40.0, rest=5.0), np.random.default_rng(seed)
+    samples = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise, (0.005, -0.004, 0.006), (0.05, -0.04, 0.03))
+    fixes = received(d, rng, every=0.2, late=0.16, sigma=1.0, speed_sigma=0.1)
+    kept = (d.t < begin_s) | (d.t >= begin_s + 1.3)
+    out, _ = replay(new_filter("navigation", samples[kept], SETTINGS), samples[kept], fixes)
+    heading = np.degrees(d.attitude[kept].as_euler("ZYX")[:, 0])
+    yaw = (euler_deg(out["q_nb"])[:, 2] - heading + 180.0) % 360.0 - 180.0
+    known = (out["status"] & HEADING_VALID) != 0
+    assert known[round(20.0 * RATE) :].all()
+    assert (np.abs(yaw) < 2.5 * np.degrees(out["sigma_rpy"][:, 2]))[known].all()

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Imu, Initial, Navigation, Settings
 from imud.daemon.status_reporter import StatusReporter
+from imud.daemon.utc import Utc
 from imud.estimators.ins.aiding.lever_arm_prior import odds_of_mistake, set_gnss_lever_arm, weigh_lever_arm
 from imud.estimators.ins.ekf import inflate
 from imud.estimators.ins.parameters import configure
@@ -310,7 +311,7 @@ def test_the_daemon_warns_once_of_one_that_is_estimated_because_it_is_not_set():
         inertial = SimpleNamespace(pipeline=SimpleNamespace(filter=filter_))
         used = SimpleNamespace(gnss=SimpleNamespace(sensor=SimpleNamespace(is_precise=is_precise(fixes[-1]))))
         devices = SimpleNamespace(selection=SimpleNamespace(inertial=inertial), in_use=used)
-        reporter = StatusReporter(devices, ContainedErrors())
+        reporter = StatusReporter(devices, ContainedErrors(), Utc())
         reporter._log = SimpleNamespace(warning=warnings.append)
         for second in range(3):
             reporter._warn_if_lever_arm_is_unset(second * 10**9)

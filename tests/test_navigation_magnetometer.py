@@ -216,7 +216,7 @@ def test_the_earths_field_is_written_once_the_place_is_known_and_recorded_readin
     filter_.aid(bare)
     assert np.isnan(bare["value"][0, 3:]).all()
     out = np.zeros(len(samples), SOLUTION)
-    filter_.run(samples[:50].copy(), out[:50])
+    filter_.run(samples[:101].copy(), out[:101])  # to the epoch of the fix
     filter_.update(fixes[:1])
     filter_.aid(bare)
     north, east, down = bare["value"][0, 3:]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.daemon.status_reporter import StatusReporter
+from imud.daemon.utc import Utc
 from imud.estimators.ins import rest, stationarity
 from imud.estimators.ins.aiding import forward_axis_search, land_evidence, non_holonomic
 from imud.estimators.ins.findings import _NO_LAND_VEHICLE, findings
@@ -153,7 +154,7 @@ def test_the_log_says_that_the_setting_is_not_used_and_when_it_is_again():
     devices = SimpleNamespace(
         selection=SimpleNamespace(inertial=inertial), in_use=in_use, spares=SimpleNamespace(sensors={})
     )
-    reporter, lines = StatusReporter(devices, ContainedErrors()), []
+    reporter, lines = StatusReporter(devices, ContainedErrors(), Utc()), []
     reporter._change_logger._log = SimpleNamespace(warning=lines.append, info=lines.append)
     for second in range(6):
         found = (_NO_LAND_VEHICLE,) if second < 3 else ()

@@ -146,6 +146,11 @@ def test_the_time_is_never_in_the_future(utc_s, clock):
     assert parsed(view(utc_s=utc_s))["PASHR"][1] == clock
 
 
+def test_nmea_has_the_hundredths_that_were_meant():
+    for tenth in range(10):
+        assert parsed(view(utc_s=1.7e9 + tenth / 10))["PASHR"][1] == f"221320.{tenth}0"
+
+
 def test_udp_at_its_rate():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader:
         reader.bind(("127.0.0.1", 0))

@@ -153,6 +153,15 @@ def test_what_comes_at_equal_intervals_delays_no_fix_but_its_own_and_is_used(hz,
     assert ready_ms[-1 if lost == 0 else len(ready_ms) * 49 // 50] < 60
 
 
+@pytest.mark.parametrize("order", [[("GGA", 1), ("RMC", 2)], [("GGA", 1), ("RMC", 2), ("VTG", 10)]])
+def test_a_lost_position_does_not_make_later_fixes_wait(order):
+    """Two bursts in sequence then have an RMC, but not all have."""
+    found = received(order, 10, seconds=60, lost=lambda k, kind: kind == "GGA" and k in (201, 301, 401, 501))
+    assert len(found) >= 595
+    ready_ms = sorted(ms for *_, ms in found[100:])
+    assert ready_ms[-5] < 60, "the few beside the lost ones may wait"
+
+
 def test_what_no_longer_comes_is_not_waited_for():
     found = received([("GGA", 1), ("RMC", 10)], 10, seconds=60, lost=lambda k, kind: kind == "RMC" and k > 300)
     assert max(ready_ms for *_, ready_ms in found[400:]) < 60

@@ -55,6 +55,21 @@ def test_it_is_known_when_the_watchdog_is_due(manager, monkeypatch):
     assert notifier.due_ns == 10**12 + 1_000_000_000
 
 
+def test_a_manager_that_has_begun_anew_is_found(tmp_path, monkeypatch):
+    """Or its watchdog would end the service."""
+    path = tmp_path / "notify"
+    monkeypatch.setenv("NOTIFY_SOCKET", str(path))
+    notifier = Notifier()
+    for _ in range(2):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+            listener.bind(str(path))
+            listener.setblocking(False)
+            notifier.send("WATCHDOG=1")
+            assert received(listener) == ["WATCHDOG=1"]
+        path.unlink()
+        notifier.send("WATCHDOG=1")  # to nobody
+
+
 def test_status_is_sent_when_it_changes(manager):
     notifier = Notifier()
     for text in ("waiting", "waiting", "streaming"):

@@ -202,9 +202,10 @@ class NmeaDecoder:
 
     def _join(self, epoch: Epoch, kind: str, content: Content) -> bool:
         """Add a sentence to the epoch; False: that is complete."""
+        was_due = epoch.utc_ns is not None and self._regular.is_due(kind, epoch.utc_ns)
         if epoch.utc_ns is not None and self._regular.note(kind, epoch.utc_ns):
             self._endings.forget(epoch.last)
-        elif self._is_waited_for(epoch, kind):
+        elif not was_due and self._is_waited_for(epoch, kind):
             self._endings.contradict(epoch.last)
         self._came[kind] = self._burst, epoch.arrival_ns
         if epoch.done and isinstance(content, Gst):

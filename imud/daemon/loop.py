@@ -35,6 +35,7 @@ from .devices import Devices
 from .fast_loop import FAILED, PUBLISH_DUE, FastLoop
 from .publisher import Publisher
 from .status_reporter import StatusReporter
+from .utc import Utc
 
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
@@ -66,7 +67,8 @@ class Daemon:
         self._fast_loop = FastLoop(watched=LOGGED)
         self._errors = ContainedErrors()
         self._devices = Devices(settings, wait, self._fast_loop, self._recordings, self._errors)
-        self._status_reporter = StatusReporter(self._devices, self._errors)
+        self._utc = Utc()
+        self._status_reporter = StatusReporter(self._devices, self._errors, self._utc)
         self._notifier = Notifier()
         self._aiding: AidingInput | None = None
         self._exit: int | None = None
@@ -81,7 +83,9 @@ class Daemon:
             self._fast_loop.others.register(self._wakeup, select.POLLIN)
             self._outputs = stack.enter_context(contextlib.closing(self._open_outputs()))
             self._aiding = self._open_aiding(stack)
-            self._publisher = Publisher(self._devices, self._recordings, self._outputs, self._status_reporter.health)
+            self._publisher = Publisher(
+                self._devices, self._recordings, self._outputs, self._status_reporter.health, self._utc
+            )
             self._devices.check()
             self._prepare_kernels()
             garbage.set_aside()

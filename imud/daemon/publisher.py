@@ -1,5 +1,6 @@
 """Gives fixes to the filter, and its solutions to the recording and the outputs."""
 
+import math
 import time
 from collections.abc import Callable, Iterable
 
@@ -14,19 +15,19 @@ from .devices import Devices
 from .load import Load
 from .sigma_shares import RECEIVER, SigmaShares
 from .status_tables import InnovationStatistics, of_filter_states
+from .utc import Utc
 
-
-def _utc_s(t_ns: int) -> float:
-    return (time.time_ns() - time.monotonic_ns() + t_ns) * 1e-9
+_DAY_S = 86_400.0
 
 
 class Publisher:
     """Has no state but counters. All times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(
-        self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[int], Health]
+        self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[int], Health], utc: Utc
     ) -> None:
         """health: what is wrong with the sensors at a time, for the clients."""
+        self._utc = utc
         self._devices, self._recordings, self._outputs, self._health = devices, recordings, outputs, health
         self.load = Load()
         self.innovations, self.shares = InnovationStatistics(), SigmaShares()
@@ -50,6 +51,7 @@ class Publisher:
     def on_fixes(self, fixes: list[Records], latency_s: float) -> None:
         """The receiver brought fixes, each `latency_s` old on arrival."""
         if fixes and self._devices.in_use.gnss:
+            self._utc.add(self._devices.in_use.gnss.sensor)
             self._outputs.publish_fix(self._devices.in_use.gnss.sensor.last_used_fix, latency_s)
         if (inertial := self._devices.selection.inertial) is None:
             return
@@ -125,8 +127,11 @@ class Publisher:
             return view
         from .receiver_solution import solution  # here, as it imports the whole navigation filter
 
-        t_ns = int(fix["t_ns"][0])
-        return view._replace(solution=solution(fix).tobytes(), utc_s=_utc_s(t_ns), t_mono_ns=t_ns)
+        t_ns, reported = int(fix["t_ns"][0]), receiver.last_used_fix
+        utc_s = self._utc.at(t_ns)
+        if reported.utc_s is not None:
+            utc_s += math.remainder(reported.utc_s - utc_s, _DAY_S)  # exactly the receiver's
+        return view._replace(solution=solution(fix).tobytes(), utc_s=utc_s, t_mono_ns=t_ns)
 
     def _view(self, inertial: Inertial, now_ns: int) -> View:
         solution = inertial.newest
@@ -136,7 +141,7 @@ class Publisher:
         has_no_position = selected.update is None and self._devices.in_use.gnss is not None
         return View(
             solution=solution.tobytes(),
-            utc_s=_utc_s(t_ns),
+            utc_s=self._utc.at(t_ns),
             t_mono_ns=t_ns,
             seq=inertial.samples,
             estimator=selected.name,

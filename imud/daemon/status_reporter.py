@@ -19,6 +19,7 @@ from .devices import Devices
 from .load import Load
 from .ports import Port
 from .publisher import Publisher
+from .utc import Utc
 
 if TYPE_CHECKING:
     from .aiding_input import AidingInput
@@ -29,18 +30,17 @@ _LEVER_ARM_UNSET = (
     "the receiver's positions are of centimetres, and the lever arm of its antenna is not set, so it is estimated: "
     "set navigation.lever_arm_m, [0, 0, 0] if the antenna is at the sensor"
 )
-_CLOCK_ERROR_S = 1.0  # more is no latency of the receiver
 _CLOCK_DIFFERS = (
-    "the receiver's time and this machine's clock differ by more than a second: the times of what imud sends and "
-    "records are the machine's"
+    "the receiver's time and this machine's clock differ by more than a second: gpsd's clients and NMEA get the "
+    "receiver's, the binary stream and recordings the machine's"
 )
 
 
 class StatusReporter:
     """One per daemon, from its start. All times are monotonic nanoseconds; not thread-safe."""
 
-    def __init__(self, devices: Devices, errors: ContainedErrors) -> None:
-        self._devices, self._errors = devices, errors
+    def __init__(self, devices: Devices, errors: ContainedErrors, utc: Utc) -> None:
+        self._devices, self._errors, self._utc = devices, errors, utc
         self._log = get_logger()
         self._change_logger = ChangeLogger(self._log)
         self._faults: dict[str, tuple[str, ...] | None] = {"imu": None, "gnss": None}  # None: no such sensor
@@ -85,20 +85,11 @@ class StatusReporter:
                     self._log.warning(received.message)
                     received.message = ""
         inertial = self._devices.selection.inertial
-        self._change_logger.faults("clock", self.wrong_clock(), now_ns)
+        self._change_logger.faults("clock", [_CLOCK_DIFFERS] if self._utc.machine_differs() else [], now_ns)
         self._change_logger.faults("filter", inertial.pipeline.filter.findings() if inertial else (), now_ns)
         self._faults_of_others = {
             port: self._check(port.spec.path, port, sensor, now_ns) for port, sensor in self._others().items()
         }
-
-    def wrong_clock(self) -> tuple[str, ...]:
-        """Whether this machine's clock, or the receiver's, is wrong."""
-        if self._devices.in_use.gnss is None:
-            return ()
-        unix_ns = time.time_ns()
-        by_receiver_s = self._devices.in_use.gnss.sensor.utc_less_monotonic_s(unix_ns)
-        difference_s = 0.0 if by_receiver_s is None else by_receiver_s - (unix_ns - time.monotonic_ns()) * 1e-9
-        return (_CLOCK_DIFFERS,) if abs(difference_s) > _CLOCK_ERROR_S else ()
 
     def _others(self) -> dict[Port, Inertial | Receiver]:
         """What streams beside the inertial sensor and the receiver in use: spares, and sensors without positions."""

@@ -36,15 +36,20 @@ def _number(form: str, value: float) -> str:
     return form % value if math.isfinite(value) else ""
 
 
+def _microseconds(utc_s: float) -> int:
+    """Rounded, so that a time that is a float and not quite 0.2 s has no 19 hundredths."""
+    return round(utc_s * 1e6)
+
+
 def _clock(view: View) -> str:
     if view.utc_s is None:
         return ""
-    second, hundredth = divmod(math.floor(view.utc_s * 100.0), 100)
+    second, hundredth = divmod(_microseconds(view.utc_s) // 10_000, 100)
     return time.strftime("%H%M%S", time.gmtime(second)) + f".{hundredth:02d}"
 
 
 def _date(view: View) -> str:
-    return "" if view.utc_s is None else time.strftime("%d%m%y", time.gmtime(math.floor(view.utc_s)))
+    return "" if view.utc_s is None else time.strftime("%d%m%y", time.gmtime(_microseconds(view.utc_s) // 1_000_000))
 
 
 def _degrees(value: float, width: int, positive: str, negative: str) -> str:

@@ -10,6 +10,7 @@ import socket
 import stat
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TextIO, cast
 
 from ..late_imports import hidden, imported_late
@@ -88,26 +89,31 @@ def _is_journalled() -> bool:
 class _Lossy:
     """A stream whose failure (reader gone, disk full) costs lines of the log, but does not end the daemon.
 
-    Nor does a reader that stalls stop it: a terminal after Ctrl-S or behind a lost connection, a pipe that is full.
+    Nor does a reader that stalls stop it: a terminal after Ctrl-S or behind a lost connection, a pipe that is full, the
+    journal.
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._fd: int | None = None  # to the same terminal or pipe, without waiting
+        self._send: Callable[[bytes], int] | None = None  # to the same terminal, pipe or socket, without waiting
         self._torn = False  # its last line has no end
         with contextlib.suppress(OSError, ValueError):
-            mode = os.fstat(stream.fileno()).st_mode
-            if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode):  # not O_NONBLOCK on stderr itself: others have it, too
+            fd = stream.fileno()
+            mode = os.fstat(fd).st_mode  # not O_NONBLOCK on stderr itself: others have it, too
+            if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode):
                 flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
-                self._fd = os.open(f"/proc/self/fd/{stream.fileno()}", flags)
+                self._send = partial(os.write, os.open(f"/proc/self/fd/{fd}", flags))
+            elif stat.S_ISSOCK(mode):  # the journal's
+                duplicate = socket.socket(fileno=os.dup(fd))
+                self._send = lambda data: duplicate.send(data, socket.MSG_DONTWAIT)
 
     def write(self, text: str) -> None:
         with contextlib.suppress(OSError, ValueError):
-            if self._fd is None:
+            if self._send is None:
                 self._stream.write(text)
                 return
             data = b"\n" * self._torn + text.encode(self._stream.encoding, "backslashreplace")
-            self._torn = os.write(self._fd, data) < len(data)
+            self._torn = self._send(data) < len(data)
 
     def flush(self) -> None:
         with contextlib.suppress(OSError, ValueError):

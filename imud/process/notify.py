@@ -14,12 +14,11 @@ class Notifier:
     """The connection to the service manager. One per process; close it, or let the process end."""
 
     def __init__(self) -> None:
-        self._socket: socket.socket | None = None
         address = os.environ.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._socket: socket.socket | None = None
         if address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK)
-            with contextlib.suppress(OSError):
-                self._socket.connect("\0" + address[1:] if address.startswith("@") else address)
         mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         microseconds = int(os.environ.get("WATCHDOG_USEC", "0") or "0") if mine else 0
         self._ping_ns = microseconds * 1000 // 3
@@ -35,7 +34,7 @@ class Notifier:
         """Send, for example, "READY=1", "STATUS=waiting". Never blocks, never raises."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
-                self._socket.send("\n".join(assignments).encode())
+                self._socket.sendto("\n".join(assignments).encode(), self._address)  # it may be another socket by now
 
     def alive(self, now_ns: int) -> None:
         """Feed the watchdog, if there is one; as often as it needs, however often this is called."""

@@ -54,7 +54,7 @@ from .mechanization import set_attitude
 from .propagation import store_first_sample
 from .solution import write_solution
 from .sources import REJECTED_KIND, fuse_source
-from .state import AIDING_RING, NEVER_NS
+from .state import AIDING_RING, COARSE_ALIGNMENT, NEVER_NS
 from .stationarity import first_window
 from .velocity_epoch import find_velocity_epoch, keep_velocity_epoch
 
@@ -151,7 +151,7 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     s.fix, s.last_course = reported, reported.course
     if course_is_held(p, reported, s.course_repeats):
         fix.course = math.nan
-    too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= p.tuning.max_ahead_s
+    too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= max_ahead(p, c)
     if fix.t_ns >= s.last_epoch_ns and not too_new:
         compare_with_positions(p, c, s.velocity_discrepancy, fix)
         learn_lag(p, c, s.velocity_lag, s.velocity_discrepancy, fix)
@@ -181,6 +181,17 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     if s.velocity_lag.late != USED or is_unused(s.velocity_discrepancy):
         remove_velocity(e.fix)
     return fuse_from(p, s, k, snapshots, innovations)
+
+
+@kernel
+def max_ahead(p: Parameters, c: Core) -> float:
+    """Largest time, s, by which a fix may be newer than the newest sample, as after a gap begins.
+
+    Before the heading is known nothing says in which direction the velocity has changed since that sample: fused at its
+    time, velocities of a body that accelerates pass for its tilt.
+    """
+    gap_s = max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period)
+    return float(min(gap_s, p.tuning.max_ahead_s) if c.alignment.mode == COARSE_ALIGNMENT else p.tuning.max_ahead_s)
 
 
 @kernel

@@ -4,7 +4,6 @@ from datetime import date
 from typing import NamedTuple
 
 _EPOCH, _DAY_S = date(1970, 1, 1).toordinal(), 86_400
-_LAST_ROLLOVER, _ROLLOVER_DAYS = date(2019, 4, 7).toordinal(), 1024 * 7  # of GPS's week number
 
 
 class Fix(NamedTuple):
@@ -36,17 +35,10 @@ class Fix(NamedTuple):
     spoofed: bool = False  # the receiver has several indications that the signals are forged
 
     def utc_ns(self, near_ns: int) -> int | None:
-        """Unix time by the receiver's own clock. near_ns: about when; without a date it is the nearest day.
-
-        GPS's week number rolls over after 1024 weeks, last in 2019: receivers that ignore it report earlier dates.
-        """
+        """Unix time by the receiver's own clock. near_ns: about when; without a date it is the nearest day."""
         if self.utc_s is None:
             return None
-        if self.date is None:
-            day = round((near_ns * 1e-9 - self.utc_s) / _DAY_S)
-        else:
-            ordinal = self.date.toordinal()
-            day = ordinal + max(0, -((ordinal - _LAST_ROLLOVER) // _ROLLOVER_DAYS)) * _ROLLOVER_DAYS - _EPOCH
+        day = self.date.toordinal() - _EPOCH if self.date else round((near_ns * 1e-9 - self.utc_s) / _DAY_S)
         return day * _DAY_S * 1_000_000_000 + round(self.utc_s * 1e9)
 
     @property

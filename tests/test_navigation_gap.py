@@ -108,3 +108,12 @@ def test_fixes_that_come_in_a_gap_before_the_heading_is_known_are_no_tilt(begin_
     known = (out["status"] & HEADING_VALID) != 0
     assert known[round(20.0 * RATE) :].all()
     assert (np.abs(yaw) < 2.5 * np.degrees(out["sigma_rpy"][:, 2]))[known].all()
+
+
+def test_a_sensor_whose_samples_come_in_blocks_gets_its_heading():
+    """Each fix comes 0.2 s before the samples of its epoch."""
+    d, rng = drive(40.0, rest=5.0), np.random.default_rng(1)
+    samples, fixes = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise), received(d, rng, sigma=1.0)
+    fixes["arrival_ns"] = fixes["t_ns"] - 200_000_000
+    out, _ = replay(new_filter("navigation", samples, SETTINGS), samples, fixes)
+    assert (out["status"][round(25.0 * RATE) :] & HEADING_VALID).all()

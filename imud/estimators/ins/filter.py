@@ -68,6 +68,13 @@ TUNABLES = (
         "max_ahead_s", 1.0, "s", "Largest time by which a measurement may be newer than the newest sample.", "Choice."
     ),
     Tunable(
+        "coarse_max_ahead_s",
+        0.3,
+        "s",
+        "The same before the heading is known, when nothing says where the velocity has changed since that sample.",
+        "Sensors whose samples come in blocks.",
+    ),
+    Tunable(
         "lost_time_offset_s",
         1.5,
         "s",
@@ -185,13 +192,12 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
 
 @kernel
 def max_ahead(p: Parameters, c: Core) -> float:
-    """Largest time, s, by which a fix may be newer than the newest sample, as after a gap begins.
+    """Largest time, s, by which a fix may be newer than the newest sample.
 
     Before the heading is known nothing says in which direction the velocity has changed since that sample: fused at its
     time, velocities of a body that accelerates pass for its tilt.
     """
-    gap_s = max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period)
-    return float(min(gap_s, p.tuning.max_ahead_s) if c.alignment.mode == COARSE_ALIGNMENT else p.tuning.max_ahead_s)
+    return float(p.tuning.coarse_max_ahead_s if c.alignment.mode == COARSE_ALIGNMENT else p.tuning.max_ahead_s)
 
 
 @kernel

@@ -15,7 +15,7 @@ from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .history import record_possible_tilt
 from .integrals import reset_integrals
-from .last_sample import set_outage, store_sample, update_mean_square_rate
+from .last_sample import forget_period, set_outage, store_sample, update_mean_square_rate
 from .levelling import (
     coarse_level,
     initialise_attitude,
@@ -29,6 +29,7 @@ from .motion import update_scatter, update_travel
 from .outages import (
     add_outage_noise,
     add_shock_noise,
+    add_stamp_noise,
     force_without_acceleration,
     hold_invalid_axes,
     hold_rate,
@@ -93,8 +94,10 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         if sample.flags & SATURATED or dt > p.gap_s or s.imu.outage_s > 0.0:
             add_outage_noise(p, s, w, f, dt, sample.flags)
         if dt > p.gap_s:
+            forget_period(s)
             mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
         else:
+            add_stamp_noise(p, s, w, f, dt)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
         update_scatter(p, s, dt)
         if has_rate and has_force:

@@ -48,6 +48,21 @@ def update_force_change(s: State, f: Vector) -> float:
 
 
 @kernel
+def update_stamp_variance(s: State, dt: float, share: float) -> None:
+    """The newest period, dt, is so much of the mean; of even stamps with errors e, the change of the period is
+    e_k - 2 e_(k-1) + e_(k-2)."""
+    change = dt - s.imu.last_dt if s.imu.last_dt > 0.0 else 0.0
+    s.imu.last_dt = dt
+    s.imu.stamp_var += min(share, 1.0) * (change * change / 6.0 - s.imu.stamp_var)
+
+
+@kernel
+def forget_period(s: State) -> None:
+    """After a gap there is no period to compare with."""
+    s.imu.last_dt = 0.0
+
+
+@kernel
 def update_mean_square_rate(s: State, w: Vector, share: float) -> None:
     """A good rate w is so much of the mean."""
     s.imu.rate2 += min(share, 1.0) * ((w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / 3.0 - s.imu.rate2)

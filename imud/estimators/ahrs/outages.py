@@ -9,7 +9,7 @@ from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RA
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
-from .last_sample import set_outage, update_force_change
+from .last_sample import set_outage, update_force_change, update_stamp_variance
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -87,6 +87,20 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
             add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)
         if limited != LIMITED_RATE:
             add_noise(s, 0.0, c.saturation_noise**2 * f2 * dt)
+
+
+@kernel
+def add_stamp_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
+    """Noise from stamps that scatter: a sample that seems longer, and the next one shorter, counts for too much.
+
+    Of the errors of the stamps, which nothing else shows, remain in the sum those times the change of the reading.
+    """
+    update_stamp_variance(s, dt, dt / p.tuning.velocity_scatter_time_s)
+    dw2 = df2 = 0.0
+    for i in range(3):
+        dw2 += (w[i] - s.imu.w[i]) ** 2
+        df2 += (f[i] - s.imu.f[i]) ** 2
+    add_noise(s, s.imu.stamp_var * dw2, s.imu.stamp_var * df2)
 
 
 @kernel

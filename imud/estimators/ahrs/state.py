@@ -89,6 +89,8 @@ IMU = np.dtype(  # the newest good sample as measured
         ("outage_s", "<f8"),  # for how long the rate has been held
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
+        ("last_dt", "<f8"),  # s, between the newest two samples; 0: not known
+        ("stamp_var", "<f8"),  # s^2, variance of the stamps about even ones
     ],
     align=True,
 )

@@ -180,6 +180,8 @@ class Imu:
     outage_s: float
     fault_s: float
     rate2: float
+    last_dt: float
+    stamp_var: float
 
 
 class Integrals:

@@ -27,12 +27,13 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     cut_off = s.clipping.missing_angle  # rad, about any axis
     unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
     unseen = elementary.hypot(unseen, elementary.hypot(cut_off, s.hypotheses.possible_tilt_error))
-    unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
+    unseen = elementary.hypot(unseen, elementary.hypot(s.stationarity.hidden_tilt, s.stationarity.possible_tilt))
     if flags & UNCONFIRMED_RATE != 0:
         cut_off = unseen = UNKNOWN_ANGLE
     cov.unseen_tilt, cov.unseen_yaw = unseen, cut_off
     if (
         s.levelling.initialised == 1
+        and s.levelling.coarse == 0  # how fast a body accelerates that moves already, nothing has shown yet
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad
         and s.imu.outage_s < c.long_gap_s
     ):

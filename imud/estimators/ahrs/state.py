@@ -158,6 +158,7 @@ STATIONARITY = np.dtype(
         ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
         # of an even motion that the rest may have been, with its probability: the standard deviations
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch
+        ("possible_tilt", "<f8"),  # rad, sigma of a tilt error: what seems to accelerate may rest
         ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias while it is measured
         ("hidden_angle", "<f8"),  # rad, of yaw, that this has made
         ("unmeasured_s", "<f8"),  # until the first rest

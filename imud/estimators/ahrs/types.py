@@ -236,6 +236,7 @@ class Stationarity:
     bg_before: Reals
     least_force_psd: float
     hidden_tilt: float
+    possible_tilt: float
     hidden_turn: Reals
     hidden_angle: float
     unmeasured_s: float

@@ -344,7 +344,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
             since = min(since, h.repeats_start_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
-        if findings >> UNITS & 1 == 0:
+        if findings & (_RATES << INVALID | 1 << UNITS) == 0:  # else all of them
             sample.flags |= (findings >> FROZEN & _RATES) * NO_RATE_AXES
         since = min(since, h.informative_ns[0])
     if findings & _NO_FORCE:

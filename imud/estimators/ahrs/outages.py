@@ -23,15 +23,41 @@ def mean_reading(a: Reals, b: Vector) -> Vector:
 
 
 @kernel
-def hold_invalid_axes(last: Reals, w: Vector, flags: int) -> Vector:
-    """The rates w, with those of invalid axes replaced by the last ones."""
+def to_sensor_axes(p: Parameters, v: Vector) -> Vector:
+    """A vector in body axes, in those of the sensor."""
+    R = p.sensor_axes
+    return (
+        R[0] * v[0] + R[3] * v[1] + R[6] * v[2],
+        R[1] * v[0] + R[4] * v[1] + R[7] * v[2],
+        R[2] * v[0] + R[5] * v[1] + R[8] * v[2],
+    )
+
+
+@kernel
+def to_body_axes(p: Parameters, v: Vector) -> Vector:
+    """A vector in the sensor's axes, in those of the body."""
+    R = p.sensor_axes
+    return (
+        R[0] * v[0] + R[1] * v[1] + R[2] * v[2],
+        R[3] * v[0] + R[4] * v[1] + R[5] * v[2],
+        R[6] * v[0] + R[7] * v[1] + R[8] * v[2],
+    )
+
+
+@kernel
+def hold_invalid_axes(p: Parameters, last: Reals, w: Vector, flags: int) -> Vector:
+    """The rates w, with those of invalid axes of the sensor replaced by the last ones."""
     axes = flags // NO_RATE_AXES & 7
     if flags & SUSPECT or axes == 0:
-        axes = 7
-    return (
-        last[0] if axes & 1 else w[0],
-        last[1] if axes & 2 else w[1],
-        last[2] if axes & 4 else w[2],
+        return last[0], last[1], last[2]
+    before, now = to_sensor_axes(p, (last[0], last[1], last[2])), to_sensor_axes(p, w)
+    return to_body_axes(
+        p,
+        (
+            before[0] if axes & 1 else now[0],
+            before[1] if axes & 2 else now[1],
+            before[2] if axes & 4 else now[2],
+        ),
     )
 
 

@@ -48,6 +48,7 @@ PARAMETERS = np.dtype(
         ("accel_bias_inflation", "<f8"),
         ("accel_scale_inflation", "<f8"),
         ("mean_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
+        ("sensor_axes", "<f8", (9,)),  # rotation matrix from the sensor's to body axes: flags are about the sensor's
         ("tuning", dtype_of(TUNABLES)),
     ],
     align=True,
@@ -239,13 +240,14 @@ VARIANCE_FACTOR = np.dtype(  # the corrections of tilt, north and east, over wha
     align=True,
 )
 
-CLIPPING = np.dtype(  # of the gyro, by axes
+CLIPPING = np.dtype(  # of the gyro, by its own axes
     [
         ("time", "<f8", (3,)),  # s, at the end of the range
         ("slope", "<f8", (3,)),  # rad/s^2, with which the rate came there
         ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
         ("flat", "<f8", (3,)),  # s, of flat steps since
         ("w", "<f8", (3,)),  # rad/s, the newest rates, compensated
+        ("last_w", "<f8", (3,)),  # rad/s, those before
         ("missing_angle", "<f8"),  # rad, that the attitude may lack while a rate is at the end of the range
     ],
     align=True,

@@ -148,6 +148,7 @@ class Parameters:
     accel_bias_inflation: float
     accel_scale_inflation: float
     mean_rate_psd: float
+    sensor_axes: Reals
     tuning: Tuning
 
 
@@ -276,6 +277,7 @@ class Clipping:
     last_slope: Reals
     flat: Reals
     w: Reals
+    last_w: Reals
     missing_angle: float
 
 

@@ -18,7 +18,7 @@ from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate
 from .attitude_step import add_clipping_variance
 from .error_model import add_attitude_variance
-from .outages import to_body_axes, to_sensor_axes
+from .sensor_axes import to_body_axes, to_sensor_axes
 from .velocity_hypotheses import add_attitude_noise
 
 if TYPE_CHECKING:

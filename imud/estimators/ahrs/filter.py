@@ -38,6 +38,7 @@ from .outages import (
 from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import update_quantization
+from .sensor_axes import to_body_axes, to_sensor_axes
 from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
@@ -68,10 +69,14 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     Of a sample that the health monitor does not believe, the last rates are held and the force assumed to be gravity.
     """
     c = p.tuning
-    w = (
-        compensate_truncation(s, sample.w[0], 0),
-        compensate_truncation(s, sample.w[1], 1),
-        compensate_truncation(s, sample.w[2], 2),
+    reading = to_sensor_axes(p, (sample.w[0], sample.w[1], sample.w[2]))
+    w = to_body_axes(
+        p,
+        (
+            compensate_truncation(s, reading[0], 0),
+            compensate_truncation(s, reading[1], 1),
+            compensate_truncation(s, reading[2], 2),
+        ),
     )
     f = (sample.f[0], sample.f[1], sample.f[2])
     if sample.flags & POWER_ON and dt >= 0.0:
@@ -108,7 +113,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0, 0.0)
-        update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
+        update_quantization(p, s, reading)
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)
         start_hypotheses(p, s)
@@ -154,7 +159,7 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
         follow_hypotheses(p, s)
     else:
         if was_stationary:
-            add_truncation_noise(s)
+            add_truncation_noise(p, s)
             add_hidden_motion(s)
         fuse_zero_velocity(p, s)
         fuse_zero_position(p, s)

@@ -10,6 +10,7 @@ from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
 from .last_sample import set_outage, update_force_change, update_stamp_variance
+from .sensor_axes import to_body_axes, to_sensor_axes
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -20,28 +21,6 @@ if TYPE_CHECKING:
 def mean_reading(a: Reals, b: Vector) -> Vector:
     """The mean of the readings on both sides of a gap: the best guess of the values in it."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-
-
-@kernel
-def to_sensor_axes(p: Parameters, v: Vector) -> Vector:
-    """A vector in body axes, in those of the sensor."""
-    R = p.sensor_axes
-    return (
-        R[0] * v[0] + R[3] * v[1] + R[6] * v[2],
-        R[1] * v[0] + R[4] * v[1] + R[7] * v[2],
-        R[2] * v[0] + R[5] * v[1] + R[8] * v[2],
-    )
-
-
-@kernel
-def to_body_axes(p: Parameters, v: Vector) -> Vector:
-    """A vector in the sensor's axes, in those of the body."""
-    R = p.sensor_axes
-    return (
-        R[0] * v[0] + R[1] * v[1] + R[2] * v[2],
-        R[3] * v[0] + R[4] * v[1] + R[5] * v[2],
-        R[6] * v[0] + R[7] * v[1] + R[8] * v[2],
-    )
 
 
 @kernel

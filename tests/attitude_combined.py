@@ -222,7 +222,9 @@ def vqf_rms(samples, reference, known, mount):
 def run(seed, changes):
     """(seconds wrong and sure: tilt, yaw; RMS tilt, 90 % of its sigmas, deg; NEES, part valid, RMS of VQF; text)."""
     samples, reference, known, slipped, mount, text = drawn(seed)
-    out = replay(new_filter("attitude", samples, config.loads("", (f"imu.mount_rpy_deg={list(mount)}", *changes))), samples)[0]
+    out = replay(
+        new_filter("attitude", samples, config.loads("", (f"imu.mount_rpy_deg={list(mount)}", *changes))), samples
+    )[0]
     valid, variance = out["status"] & ATTITUDE_VALID != 0, tilt_variance_deg2(out)
     tilt, yaw = errors_deg(out["q_nb"], reference)
     yaw = yaw_since(yaw, known & (np.cumsum(valid) > 0), slipped)
@@ -246,7 +248,9 @@ def main():
     with ProcessPoolExecutor(a.jobs) as pool:
         found = pool.map(run, a.seeds, [tuple(a.set)] * len(a.seeds), chunksize=4)
         rows = list(zip(a.seeds, found, strict=True))
-    for seed, (wrong, rms, stated, nees, valid, vqf, text) in sorted(rows, key=lambda row: (row[1][0].sum(), row[1][1])):
+    for seed, (wrong, rms, stated, nees, valid, vqf, text) in sorted(
+        rows, key=lambda row: (row[1][0].sum(), row[1][1])
+    ):
         print(
             f"{seed:5d}  wrong {wrong.round(1)} s  rms {rms:.2f} stated {stated:.2f} NEES {nees:.2f} "
             f"valid {valid:.2f} VQF {vqf:.2f}  {text}"

@@ -1,4 +1,4 @@
-"""Random combinations of errors on recordings with a reference: where is the attitude filter wrong and sure, or far off?
+"""Random combinations of errors on recordings with a reference: where is the attitude filter wrong and sure, or off?
 
     python tests/attitude_combined.py [--seeds 0-199] [--jobs 2] [--set KEY=VALUE]..
 

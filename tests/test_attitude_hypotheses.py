@@ -15,6 +15,7 @@ from imud.estimators.ahrs.setup import configure, start
 from imud.estimators.ahrs.state import ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 from imud.estimators.ahrs.velocity_hypotheses import (
     HANDS,
+    correct_yaw,
     follow_hypotheses,
     measure_hypotheses,
     mix_hypotheses,
@@ -147,6 +148,8 @@ def test_the_yaw_follows_the_gyro_bias_that_has_turned_it():
         b.covariance[2 + i, 2 + i], b.mean[2 + i] = after[i], 1e-3 * (i + 1)
     b.due = 1
     interpreted(follow_hypotheses)(p, s)
+    assert s.scratch.x[yaw] == 0.0  # until the first rest
+    interpreted(correct_yaw)(s)
     assert s.scratch.x[yaw] == pytest.approx(np.dot(slope, b.mean[2:5]))
     assert s.cov.P[at(yaw, yaw)] == pytest.approx(other2 + np.dot(np.square(slope), after))
     for i in range(3):

@@ -44,7 +44,7 @@ from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 from .variance_factor import restart_variance_factor, update_variance_factor
-from .velocity_hypotheses import follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
+from .velocity_hypotheses import correct_yaw, follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution
@@ -153,6 +153,7 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     update_travel(p, s)
     was_stationary = s.stationarity.stationary == 1
     if detect_stationary(p, s):
+        correct_yaw(s)
         fuse_stationary(p, s)
         fuse_zero_position(p, s)
     elif s.hypotheses.leading == 1:

@@ -49,17 +49,28 @@ def update_force_change(s: State, f: Vector) -> float:
 
 @kernel
 def update_stamp_variance(s: State, dt: float, share: float) -> None:
-    """The newest period, dt, is so much of the mean; of even stamps with errors e, the change of the period is
-    e_k - 2 e_(k-1) + e_(k-2)."""
-    change = dt - s.imu.last_dt if s.imu.last_dt > 0.0 else 0.0
-    s.imu.last_dt = dt
-    s.imu.stamp_var += min(share, 1.0) * (change * change / 6.0 - s.imu.stamp_var)
+    """The newest period, dt, is so much of the mean: minus the covariance of one period with the next.
+
+    Of even samples whose stamps have errors, a period that is too long makes the next one too short. Where samples are
+    uneven and their stamps right, it does not.
+    """
+    imu = s.imu
+    change = dt - imu.last_dt if imu.last_dt > 0.0 else 0.0
+    covariance = change * imu.dt_change + 0.5 * change * change  # whatever the mean period is
+    imu.dt_covariance += share * (covariance - imu.dt_covariance)
+    imu.last_dt, imu.dt_change = dt, change
+
+
+@kernel
+def stamp_variance(s: State) -> float:
+    """Of the stamps about even ones, s^2."""
+    return max(-s.imu.dt_covariance, 0.0)
 
 
 @kernel
 def forget_period(s: State) -> None:
     """After a gap there is no period to compare with."""
-    s.imu.last_dt = 0.0
+    s.imu.last_dt = s.imu.dt_change = 0.0
 
 
 @kernel

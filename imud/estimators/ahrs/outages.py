@@ -9,7 +9,7 @@ from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RA
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
-from .last_sample import set_outage, update_force_change, update_stamp_variance
+from .last_sample import set_outage, stamp_variance, update_force_change, update_stamp_variance
 from .sensor_axes import to_body_axes, to_sensor_axes
 
 if TYPE_CHECKING:
@@ -100,12 +100,13 @@ def add_stamp_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float) ->
 
     Of the errors of the stamps, which nothing else shows, remain in the sum those times the change of the reading.
     """
-    update_stamp_variance(s, dt, dt / p.tuning.velocity_scatter_time_s)
+    update_stamp_variance(s, dt, dt / min(s.sample_count * dt, p.tuning.stamp_time_s))
     dw2 = df2 = 0.0
     for i in range(3):
         dw2 += (w[i] - s.imu.w[i]) ** 2
         df2 += (f[i] - s.imu.f[i]) ** 2
-    add_noise(s, s.imu.stamp_var * dw2, s.imu.stamp_var * df2)
+    variance = stamp_variance(s)
+    add_noise(s, variance * dw2, variance * df2)
 
 
 @kernel

@@ -91,7 +91,8 @@ IMU = np.dtype(  # the newest good sample as measured
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
         ("last_dt", "<f8"),  # s, between the newest two samples; 0: not known
-        ("stamp_var", "<f8"),  # s^2, variance of the stamps about even ones
+        ("dt_change", "<f8"),  # s, by which it differs from that before
+        ("dt_covariance", "<f8"),  # s^2, of one such time with the next
     ],
     align=True,
 )
@@ -222,6 +223,7 @@ VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
         ("hand", "<f8"),  # probability that the body is in a hand
         ("mean", "<f8", (HYPOTHESIS_STATES,)),  # of the others
         ("covariance", "<f8", (HYPOTHESIS_STATES, HYPOTHESIS_STATES)),
+        ("yaw_correction", "<f8"),  # rad, that is due at the first rest
         ("leading", "<i8"),  # 1: the filter follows the others
         ("due", "<i8"),  # 1: it has not yet, to what they newly say
         ("possible_tilt_error", "<f8"),  # rad, of roll and of pitch

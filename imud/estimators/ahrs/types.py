@@ -21,6 +21,7 @@ class Tuning:
     gap_force_psd: float
     fault_rate_radps: float
     fault_force_psd: float
+    stamp_time_s: float
     clipping_error: float
     clipping_slope_kept: float
     flat_step: float
@@ -182,7 +183,8 @@ class Imu:
     fault_s: float
     rate2: float
     last_dt: float
-    stamp_var: float
+    dt_change: float
+    dt_covariance: float
 
 
 class Integrals:
@@ -309,6 +311,7 @@ class VelocityHypotheses:
     hand: float
     mean: Reals
     covariance: Tensor
+    yaw_correction: float
     leading: int
     due: int
     possible_tilt_error: float

@@ -203,6 +203,13 @@ def tilt_error_of_others(s: State) -> float:
 
 
 @kernel
+def correct_yaw(s: State) -> None:
+    """At rest: the correction that the hypotheses left."""
+    s.scratch.x[ATTITUDE + 2] += s.hypotheses.yaw_correction
+    s.hypotheses.yaw_correction = 0.0
+
+
+@kernel
 def yaw_by_bias(s: State) -> Vector:
     """By how much the yaw is wrong for each error of the gyro bias, s: P_yaw,bias / P_bias,bias, by elimination."""
     P = s.cov.P
@@ -223,7 +230,8 @@ def yaw_by_bias(s: State) -> Vector:
 def follow_hypotheses(p: Parameters, s: State) -> None:
     """The mixture of the hypotheses becomes the filter's tilt, gyro bias and velocity.
 
-    The yaw follows the gyro bias, which has turned it: what else is known of the yaw stays.
+    The yaw follows the gyro bias, which has turned it: what else is known of the yaw stays. All velocities are in axes
+    that turn with the yaw, so that it is corrected at rest.
     """
     b, x = s.hypotheses, s.scratch.x
     if b.due == 0:
@@ -232,9 +240,8 @@ def follow_hypotheses(p: Parameters, s: State) -> None:
     for i in range(3):
         reset_motion(p, s, i)
     by_bias = yaw_by_bias(s)
-    x[ATTITUDE + 2] = 0.0
     for i in range(3):
-        x[ATTITUDE + 2] += by_bias[i] * b.mean[BIAS + i]
+        b.yaw_correction += by_bias[i] * b.mean[BIAS + i]
     shear3(s.cov.P, STATES, ATTITUDE + 2, GYRO_BIAS, -by_bias[0], -by_bias[1], -by_bias[2])
     for i in range(INTEGRATED):
         state = ATTITUDE + i - TILT if i < BIAS else GYRO_BIAS + i - BIAS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
@@ -65,6 +66,13 @@ def update_stamp_variance(s: State, dt: float, share: float) -> None:
 def stamp_variance(s: State) -> float:
     """Of the stamps about even ones, s^2."""
     return max(-s.imu.dt_covariance, 0.0)
+
+
+@kernel
+def turn_in_stamp_error(s: State) -> float:
+    """By how much the body turns in the error of a stamp, rad: the attitude is that of another time than stated."""
+    w = s.imu.w
+    return math.sqrt(stamp_variance(s) * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
 
 
 @kernel

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import packed_index, shear3
+from ...math.kalman import packed_index
 from .attitude_step import is_undecided
-from .error_model import replace_variance, variance
+from .error_model import couple_yaw_to_bias, replace_variance, variance
 from .hypothesis_filters import (
     BIAS,
     HANDS,
@@ -242,12 +242,12 @@ def follow_hypotheses(p: Parameters, s: State) -> None:
     by_bias = yaw_by_bias(s)
     for i in range(3):
         b.yaw_correction += by_bias[i] * b.mean[BIAS + i]
-    shear3(s.cov.P, STATES, ATTITUDE + 2, GYRO_BIAS, -by_bias[0], -by_bias[1], -by_bias[2])
+    couple_yaw_to_bias(s, (-by_bias[0], -by_bias[1], -by_bias[2]))
     for i in range(INTEGRATED):
         state = ATTITUDE + i - TILT if i < BIAS else GYRO_BIAS + i - BIAS
         x[state] = b.mean[i]
         replace_variance(s, state, b.covariance[i, i])
-    shear3(s.cov.P, STATES, ATTITUDE + 2, GYRO_BIAS, by_bias[0], by_bias[1], by_bias[2])
+    couple_yaw_to_bias(s, by_bias)
     for i in range(2):
         x[VELOCITY + i] = b.mean[TRUE_VELOCITY + i]
         replace_variance(s, VELOCITY + i, b.covariance[TRUE_VELOCITY + i, TRUE_VELOCITY + i])

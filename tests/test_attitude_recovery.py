@@ -97,7 +97,7 @@ def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_
 
 def test_the_yaw_may_be_as_wrong_as_a_lost_tilt_turns_it():
     s = Fields(start(configure(Settings(), 100.0), Initial())[0])
-    s.imu.f = (0.0, -8.0, -6.0)
+    s.imu.f, s.cov.sigma_tilt = (0.0, -8.0, -6.0), 0.6
     interpreted(require_initialisation)(s)
     yaw = s.cov.P[interpreted(packed_index)(STATES, ATTITUDE + 2, ATTITUDE + 2)]
     assert np.sqrt(yaw) == pytest.approx(np.arctan2(8.0, 6.0))

@@ -157,10 +157,11 @@ STATIONARITY = np.dtype(
         ("stationary", "<i8"),
         ("since_first_s", "<f8"),  # since the first rest began
         ("bg_before", "<f8", (3,)),  # rad/s, the gyro bias before it
+        ("since_rest_s", "<f8"),  # since the last moment of rest
+        ("possible_tilt", "<f8"),  # rad, sigma of a tilt error: what seems to accelerate may rest
         ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
         # of an even motion that the rest may have been, with its probability: the standard deviations
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch
-        ("possible_tilt", "<f8"),  # rad, sigma of a tilt error: what seems to accelerate may rest
         ("hidden_turn", "<f8", (3,)),  # rad/s, of the gyro bias while it is measured
         ("hidden_angle", "<f8"),  # rad, of yaw, that this has made
         ("unmeasured_s", "<f8"),  # until the first rest

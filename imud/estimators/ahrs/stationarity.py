@@ -325,6 +325,7 @@ def detect_stationary(p: Parameters, s: State) -> bool:
     was_stationary = m.stationary == 1
     m.stationary = 0
     m.since_first_s += s.integrals.time
+    m.since_rest_s = 0.0 if was_stationary else m.since_rest_s + s.integrals.time
     m.possible_tilt = 0.0
     fade_hidden_tilt(p, s)
     if m.gravity_checked == 0:
@@ -340,7 +341,8 @@ def detect_stationary(p: Parameters, s: State) -> bool:
         check_gravity(p, s)
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)
-    m.possible_tilt = math.sqrt(c.rise_slip_probability) * acceleration / s.nav.gravity
+    if m.since_rest_s - m.low_motion_s < c.stationary_time_s:  # it began at rest
+        m.possible_tilt = math.sqrt(c.rise_slip_probability) * acceleration / s.nav.gravity
     turned = acceleration > 0.0 and force_is_only_turned(p, s, acceleration)
     needed_s = c.confirmation_time_s if turned or vibrates_less_than_in_travel(p, s) else c.travel_time_s
     if contradicts and (acceleration == 0.0 or m.low_motion_s > needed_s) and gravity_is_fixed(p, s):

@@ -237,9 +237,10 @@ class Stationarity:
     stationary: int
     since_first_s: float
     bg_before: Reals
+    since_rest_s: float
+    possible_tilt: float
     least_force_psd: float
     hidden_tilt: float
-    possible_tilt: float
     hidden_turn: Reals
     hidden_angle: float
     unmeasured_s: float

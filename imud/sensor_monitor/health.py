@@ -10,6 +10,10 @@ they were smallest. An axis can be found frozen only if these were at least MIN_
 smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
+A sample that is repeated shows in all axes together: n axes of known noise need 1/n of the samples of one. What axes
+repeat because their noise is small tells nothing; but if one of a sensor's has changed until the repetition began, all
+three count as frozen with it. Samples that are read several times before a new one comes are usual after a while.
+
 The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the
 gyros of a device have about the same noise and resolution, and so have its accelerometers. Such an axis is frozen if it
 has repeated for ALL_REPEAT_S, and the quietest neighbour of known noise has NEIGHBOUR_NOISE_STEPS times its resolution.

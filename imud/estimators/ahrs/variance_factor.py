@@ -69,7 +69,7 @@ def update_variance_factor(p: Parameters, s: State) -> None:
         expected2 += factor.expected2[i]
     others = correctable0 + correctable1
     if sum2 > c.correction_gate * expected2 and s.stationarity.stationary == 0:
-        add_bias_step(p, s, sum2 - expected2)
+        add_bias_step(p, s, max(sum2 - expected2, 0.0))
     weight, faded = time / c.correction_time_s, time / (c.correction_memory_s + time)
     factor.squares += weight * sum2 - faded * factor.squares
     factor.expectations += weight * min(expected2, others) - faded * factor.expectations

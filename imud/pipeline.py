@@ -77,6 +77,7 @@ class Filter:
         self._keep_beginning()
         self._mounts = settings.imu.mount_rpy_deg, settings.aiding.magnetometer_mount_rpy_deg
         self.correction = correction(Calibration(""), *self._mounts)
+        self._set_sensor_axes()
         self._profile, self._given_ranges = profile_of(settings), ranges_of(settings)
         self.health = new_health(self._profile, rate_hz)
         self.stages = Stages(estimator)
@@ -99,6 +100,12 @@ class Filter:
     def calibrate(self, calibration: Calibration) -> None:
         """From now on, correct the samples by this calibration."""
         self.correction[:] = correction(calibration, *self._mounts)
+        self._set_sensor_axes()
+
+    def _set_sensor_axes(self) -> None:
+        """An estimator may know the axes of the sensor, which flags of samples are about."""
+        if "sensor_axes" in (self.parameters.dtype.names or ()):
+            self.parameters["sensor_axes"] = self.correction["turn"]
 
     def restore_biases(self, biases: Biases) -> None:
         """Begin with these biases; before the first sample."""
@@ -149,6 +156,7 @@ class Filter:
         """Take other settings; the state stays."""
         self.settings = settings
         self.parameters[:] = self.estimator.configure(settings, self.rate_hz)
+        self._set_sensor_axes()
 
     def feed(
         self,

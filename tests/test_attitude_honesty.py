@@ -227,3 +227,13 @@ def test_flights_that_begin_before_the_first_sample_are_seldom_wrong_and_sure():
     _, nees, _, wrong_percent = runs.mean(axis=0)
     assert 0.2 < nees < 1.6
     assert wrong_percent < 0.5
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_a_gyro_bias_that_changes_in_a_hand_is_learned_anew(seed):
+    truth = simulate(120.0, 100.0, after(5.0, wobble(seed, 0.8)), after(5.0, wobble(seed + 50, 1.0, 3.0, 9.0)))
+    bias, step = np.array([0.2, -0.1, 0.1]) * DEG, np.array([0.3, -0.2, 0.4]) * DEG
+    samples = samples_from(truth, Flaws(gyro_bias=tuple(bias)), seed)
+    samples["w"][4000:] += step
+    last = solutions_of(samples)[-1]
+    assert np.all(np.abs(last["bg"] - bias - step) < 2.5 * last["sigma_bg"])

@@ -12,9 +12,11 @@ from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ahrs import hypothesis_filters
 from imud.estimators.ahrs.setup import configure, start
-from imud.estimators.ahrs.state import ATTITUDE, HYPOTHESES, STATES
+from imud.estimators.ahrs.state import ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 from imud.estimators.ahrs.velocity_hypotheses import (
     HANDS,
+    correct_yaw,
+    follow_hypotheses,
     measure_hypotheses,
     mix_hypotheses,
     start_hypotheses,
@@ -133,6 +135,25 @@ def test_only_a_body_that_travels_is_led(speed, leads):
     b.x[:, 7], b.time, b.displacement[0] = speed, 1.0, speed
     interpreted(measure_hypotheses)(p, s)
     assert b.hand < 0.1 and b.leading == leads
+
+
+def test_the_yaw_follows_the_gyro_bias_that_has_turned_it():
+    p, s = begun()
+    b, slope, before, after, other2 = s.hypotheses, (-20.0, 3.0, -7.0), (1e-4, 2e-4, 3e-4), (4e-6, 5e-5, 6e-4), 1e-3
+    at = lambda i, j: interpreted(packed_index)(STATES, i, j)  # noqa: E731
+    yaw = ATTITUDE + 2
+    s.cov.P[at(yaw, yaw)] = other2 + np.dot(np.square(slope), before)
+    for i in range(3):
+        s.cov.P[at(GYRO_BIAS + i, GYRO_BIAS + i)], s.cov.P[at(yaw, GYRO_BIAS + i)] = before[i], slope[i] * before[i]
+        b.covariance[2 + i, 2 + i], b.mean[2 + i] = after[i], 1e-3 * (i + 1)
+    b.due = 1
+    interpreted(follow_hypotheses)(p, s)
+    assert s.scratch.x[yaw] == 0.0  # until the first rest
+    interpreted(correct_yaw)(s)
+    assert s.scratch.x[yaw] == pytest.approx(np.dot(slope, b.mean[2:5]))
+    assert s.cov.P[at(yaw, yaw)] == pytest.approx(other2 + np.dot(np.square(slope), after))
+    for i in range(3):
+        assert s.cov.P[at(yaw, GYRO_BIAS + i)] == pytest.approx(slope[i] * after[i])
 
 
 def plane(seed, seconds):

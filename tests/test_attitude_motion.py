@@ -8,7 +8,7 @@ from attitude_simulation import DEG, MG, Flaws, after, errors_deg, simulate, ste
 from broad import samples_of, solutions_of
 from scipy.spatial.transform import Rotation
 
-from imud.estimators.records import AT_REST
+from imud.estimators.records import AT_REST, ATTITUDE_VALID
 from imud.sensor_errors.profiles import PROFILES
 
 
@@ -213,3 +213,19 @@ def test_a_slow_velocity_is_not_taken_for_travel_where_there_was_no_rest(motion,
     runs = [run((motion, "auto", number, False, ())) for number in range(0, 24, 2)]
     squared_tilt, nees, _, wrong = np.mean(runs, axis=0)
     assert np.sqrt(squared_tilt) < most_deg and nees < 3.0 and wrong < most_wrong
+
+
+def test_in_brisk_motion_nothing_is_claimed_of_the_first_samples():
+    """A force that happens to be as large as gravity and points elsewhere."""
+    push = wobble(7, 15.0, 6.0, 12.0)
+    truth = simulate(10.0, 100.0, wobble(8, 0.5), push)
+    samples = samples_from(truth)
+    size = np.linalg.norm(samples["f"], axis=1)
+    down = truth.attitude.apply(samples["f"])[:, 2] / size
+    wrong = np.flatnonzero((np.abs(size - 9.8) < 1.0) & (down > -0.5) & (truth.t < 7.0))
+    assert len(wrong) > 10
+    for first in wrong[::5]:
+        out = solutions_of(samples[first:])
+        tilt, _ = errors_deg(out["q_nb"], truth.attitude[first:])
+        sure = (tilt > 10.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out)) & (out["status"] & ATTITUDE_VALID != 0)
+        assert not np.any(sure[:80])

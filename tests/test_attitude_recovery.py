@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
-from attitude_runs import samples_from, tilt_variance_deg2
+from attitude_runs import Fields, samples_from, tilt_variance_deg2
 from attitude_simulation import DEG, Flaws, Truth, after, errors_deg, simulate, steady, wobble
 from broad import solutions_of
 from scipy.spatial.transform import Rotation
 
-from imud.configuration.settings import Initial
+from imud.compile.jit import interpreted
+from imud.configuration.settings import Initial, Settings
+from imud.estimators.ahrs.levelling import require_initialisation
+from imud.estimators.ahrs.setup import configure, start
+from imud.estimators.ahrs.state import ATTITUDE, STATES
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.math.kalman import packed_index
 
 SLIP_S = 20.0
 
@@ -88,3 +93,11 @@ def test_a_small_error_of_tilt_in_motion_is_noticed_within_about_a_minute(angle_
     truth = simulate(120.0, 50.0, after(5.0, wobble(1, 0.1, 0.5, 4.0)), after(5.0, wobble(2, 0.4, 0.3, 1.5)))
     samples, attitude = slipped(truth, angle_deg)
     assert_found(samples, attitude, truth.t > SLIP_S + 65.0, 5.0, 4.0)
+
+
+def test_the_yaw_may_be_as_wrong_as_a_lost_tilt_turns_it():
+    s = Fields(start(configure(Settings(), 100.0), Initial())[0])
+    s.imu.f, s.cov.sigma_tilt = (0.0, -8.0, -6.0), 0.6
+    interpreted(require_initialisation)(s)
+    yaw = s.cov.P[interpreted(packed_index)(STATES, ATTITUDE + 2, ATTITUDE + 2)]
+    assert np.sqrt(yaw) == pytest.approx(np.arctan2(8.0, 6.0))

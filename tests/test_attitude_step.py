@@ -213,3 +213,14 @@ def test_what_a_clipped_gyro_may_hide_is_no_evidence_of_a_slip():
     added = s.cov.P[i] - before
     assert added > 0.0
     assert interpreted(window_angle)(p, s) == (True, angle, pytest.approx(variance + added))
+
+
+@pytest.mark.parametrize("angle_deg", [6.0, 8.0, 12.0])
+def test_a_slip_at_rest_is_stated_before_it_is_decided(angle_deg):
+    """What is no gravity in the known attitude may be an acceleration; or the sensor has been turned."""
+    truth = simulate(50.0, 100.0, begun(wobble(1, 0.5), 45.0), rpy_deg=(5.0, 3.0, 0.0))
+    slip = Rotation.from_rotvec(angle_deg * DEG * np.array([0.6, 0.8, 0.0]))
+    out, tilt = after_slip(truth, samples_from(truth, FLAWS), slip)
+    late = (truth.t > SLIP_S + 1.5) & (truth.t < 45.0)
+    wrong = (tilt > 5.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out)) & (out["status"] & ATTITUDE_VALID != 0)
+    assert not np.any(wrong[late])

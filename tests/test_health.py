@@ -313,3 +313,47 @@ def test_an_intermittent_finding_stays():
         run(health, samples[k : k + 10])
         seen.add(recent_findings(health))
     assert len(seen) == 1
+
+
+def held(samples, first, count):
+    """The sample `first` comes again and again."""
+    for name in ("w", "f"):
+        samples[name][first : first + count] = samples[name][first]
+    return samples
+
+
+def is_frozen(health):
+    """Of all axes together: (any rate, any force)."""
+    found = health["found_count"][0]
+    return found[:3].any(), found[3:6].any()
+
+
+@pytest.mark.parametrize("gyro_lsbs", [0.3, 4.0])
+def test_a_sample_that_is_repeated_for_a_tenth_of_a_second_is_frozen_also_in_axes_that_alone_may_repeat(gyro_lsbs):
+    samples = noisy(20.0, np.random.default_rng(1), rate=100, gyro_lsbs=gyro_lsbs, motion=1.0)
+    assert is_frozen(judged(samples.copy(), rate=100)) == (False, False)
+    health = judged(held(samples, 1500, 13), rate=100)
+    assert is_frozen(health) == (True, True)
+    assert health["found_count"][0][:6].max() <= 4
+
+
+def test_accelerometers_that_freeze_at_rest_do_not_make_coarse_gyros_frozen():
+    samples = noisy(20.0, np.random.default_rng(1), gyro_lsbs=0.0)
+    samples["f"][at(10.0) : at(11.0)] = samples["f"][at(10.0)]
+    assert is_frozen(judged(samples)) == (False, True)
+
+
+@pytest.mark.parametrize("times", [2, 4, 20])
+def test_samples_that_are_read_several_times_are_not_frozen(times):
+    samples = noisy(40.0, np.random.default_rng(1), motion=1.0)
+    for name in ("w", "f"):
+        samples[name] = np.repeat(samples[name], times, axis=0)[: len(samples)]
+    assert is_frozen(judged(samples)) == (False, False)
+
+
+def test_single_holds_that_are_frozen_do_not_become_usual():
+    samples = noisy(40.0, np.random.default_rng(1), rate=100, motion=1.0)
+    for first in range(1000, 3800, 200):
+        held(samples, first, 18)
+    health = judged(held(samples, 3800, 40), rate=100)
+    assert health["found_count"][0][:6].min() >= 14 * 5 + 25

@@ -10,6 +10,10 @@ they were smallest. An axis can be found frozen only if these were at least MIN_
 smallest change seen) and if the noise of its data sheet is above the resolution. Some sensors hold each value for a few
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
+A sample that is repeated shows in all axes together: n axes of known noise need 1/n of the samples of one. What axes
+repeat because their noise is small tells nothing; but if one of a sensor's has changed until the repetition began, all
+three count as frozen with it. Samples that are read several times before a new one comes are usual after a while.
+
 The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the
 gyros of a device have about the same noise and resolution, and so have its accelerometers. Such an axis is frozen if it
 has repeated for ALL_REPEAT_S, and the quietest neighbour of known noise has NEIGHBOUR_NOISE_STEPS times its resolution.
@@ -58,6 +62,8 @@ if TYPE_CHECKING:
     from .types import Health
 
 MIN_REPEATS, MIN_REPEATS_S = 20, 0.1  # least number, and time, of equal samples of a frozen axis
+MIN_WHOLE_REPEATS = 4  # least number of equal samples where all axes repeat
+MAX_INT = 2**62
 HOLD_FACTOR = 8  # an axis is frozen from so many times its longest hold on
 ALL_REPEATS, ALL_REPEAT_S = 100, 1.0  # the same where the noise of an axis, or of all, is not known
 BLOCK = 256  # samples over which noise is measured
@@ -106,6 +112,10 @@ HEALTH = np.dtype(
         ("repeats", "<i8", (6,)),  # equal samples in a row
         ("hold", "<i8", (6,)),  # the same from LONG_HOLD on, and until the hold has ended
         ("repeats_start_ns", "<i8", (6,)),  # time of the first of them
+        ("whole_repeats", "<i8"),  # equal samples in a row in all axes at once
+        ("whole_start_ns", "<i8"),  # time of the first of them
+        ("whole_repeat_count", "<i8"),  # samples that were equal to the one before
+        ("min_whole_repeats", "<i8"),
         ("longest_hold", "<i8", (6,)),  # longest normal hold seen
         ("zero_count", "<i8"),  # samples in a row with a specific force of exactly 0
         ("bad_temperature_count", "<i8"),  # samples in a row with an impossible temperature
@@ -139,6 +149,7 @@ def new_health(
     h["clipping"]["floor"] = np.minimum(h["clipping"]["floor"], h["range"])
     h["profile_noise"] = np.repeat((profile.gyro_noise, profile.accel_noise), 3) * math.sqrt(0.5 * rate_hz)
     h["min_repeats"] = max(MIN_REPEATS, round(MIN_REPEATS_S * rate_hz))
+    h["min_whole_repeats"] = max(MIN_WHOLE_REPEATS, round(MIN_REPEATS_S * rate_hz))
     h["all_repeats"] = max(ALL_REPEATS, round(ALL_REPEAT_S * rate_hz)) if is_device else np.iinfo(np.int64).max
     h["unchanged_repeats"] = np.where((*gyro_axes, True, True, True), h["all_repeats"][0], np.iinfo(np.int64).max)
     h["far_samples"], h["near_samples"] = max(MIN_REPEATS, round(FAR_S * rate_hz)), max(1, round(NEAR_S * rate_hz))
@@ -168,11 +179,16 @@ def update_statistics(h: Health, sample: Any) -> bool:
         resolution[i] = min(resolution[i], size if size > 0.0 else math.inf)
         second_difference[i], difference[i], value[i] = second, d, v
         repeats[i] = repeats[i] + 1 if size == 0.0 else 0
-    suspicious, total = 0, 0.0
+    suspicious, total, whole = 0, 0.0, repeats[0]
     for i in range(6):
         suspicious |= h.suspicious[i]
         total += second_difference_sum[i]
-    return suspicious != 0 or not total < math.inf
+        whole = min(whole, repeats[i])
+    h.whole_repeats = whole
+    if whole > 0:
+        h.whole_repeat_count += 1
+        h.whole_start_ns = h.last_ns if whole == 1 else h.whole_start_ns
+    return suspicious != 0 or whole >= h.min_whole_repeats or not total < math.inf
 
 
 @kernel
@@ -211,8 +227,39 @@ def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     h.block_invalid[i] = 1
     if h.repeats[i] >= h.unchanged_repeats[i] and h.samples - h.repeats[i] < BLOCK:
         return has_noisy_neighbours(h, i)
-    fine = MIN_NOISE_STEPS * h.resolution[i] <= h.noise[i] < math.inf and h.resolution[i] <= h.profile_noise[i]
-    return bool(fine and h.repeats[i] >= most)
+    return bool(is_fine(h, i) and h.repeats[i] >= most)
+
+
+@kernel
+def is_fine(h: Health, i: int) -> bool:
+    """Whether the noise of axis i is known, and enough that it hardly ever repeats a value."""
+    fine = MIN_NOISE_STEPS * h.resolution[i] <= h.noise[i] < math.inf
+    return bool(fine and h.resolution[i] <= h.profile_noise[i])
+
+
+@kernel
+def axes_of_repeated_sample(h: Health) -> int:
+    """The axes, as bits, of a sample that is repeated for too long: what n axes show together needs 1/n of the time.
+
+    Those count with it that alone may well repeat a value: all of a sensor of which one has changed until then.
+    """
+    fine = 0
+    for i in range(6):
+        fine += 1 if is_fine(h, i) else 0
+    usual = h.samples / max(h.samples - h.whole_repeat_count, 1)  # equal samples for each reading
+    least = max(float(h.min_whole_repeats), HOLD_FACTOR * (usual - 1.0))
+    if fine * h.whole_repeats < MIN_REPEATS or h.whole_repeats < least:
+        return 0
+    axes = 0
+    for i in range(6):
+        first = 3 * (i // 3)
+        repeats = min(h.repeats[first], h.repeats[first + 1], h.repeats[first + 2])
+        if repeats == h.whole_repeats:
+            axes |= 1 << i
+            h.repeats_start_ns[i] = h.whole_start_ns
+            h.hold[i] = MAX_INT  # not a usual one
+            h.block_invalid[i] = 1
+    return axes
 
 
 @kernel
@@ -301,7 +348,7 @@ def mark(h: Health, sample: Any, findings: int) -> None:
             since = min(since, h.repeats_start_ns[i])
     if findings & _NO_RATE:
         sample.flags |= NO_RATE
-        if findings >> UNITS & 1 == 0:
+        if findings & (_RATES << INVALID | 1 << UNITS) == 0:  # else all of them
             sample.flags |= (findings >> FROZEN & _RATES) * NO_RATE_AXES
         since = min(since, h.informative_ns[0])
     if findings & _NO_FORCE:
@@ -324,6 +371,7 @@ def check_sample(h: Health, sample: Any) -> None:
     if update_statistics(h, sample) or h.samples == 0:
         for i in range(6):
             findings |= check_axis(h, i, sample.t_ns)
+        findings |= axes_of_repeated_sample(h) << FROZEN
         findings |= 1 << REPEATED if is_repeated(h) else 0
     findings |= check_force(h, sample.t_ns)
     if sample.t_ns > h.last_ns or h.samples == 0:

@@ -89,6 +89,10 @@ class Health:
     repeats: Integers
     hold: Integers
     repeats_start_ns: Integers
+    whole_repeats: int
+    whole_start_ns: int
+    whole_repeat_count: int
+    min_whole_repeats: int
     longest_hold: Integers
     zero_count: int
     bad_temperature_count: int

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 from imud.drivers.sample import LIMITED_AXES
 
 from ...compile.jit import kernel
-from ...math.rotation import Vector, dcm_of_quat
+from ...math.rotation import Vector, quat_rotate
 from .attitude_step import add_clipping_variance
 from .error_model import add_attitude_variance
+from .sensor_axes import to_body_axes, to_sensor_axes
 from .velocity_hypotheses import add_attitude_noise
 
 if TYPE_CHECKING:
@@ -32,22 +33,23 @@ def cut_off_angle(slope: float, rate: float, time: float) -> float:
 
 @kernel
 def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
-    """Rates w of the sample with what the samples before lack, and noise for it."""
+    """Rates w of the sample with what the samples before lack, and noise for it; by the axes of the sensor."""
     clip, q = s.clipping, s.nav.q_nb
     clip.missing_angle = 0.0
-    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    clip.w[0], clip.w[1], clip.w[2] = to_sensor_axes(p, w)
+    clip.last_w[0], clip.last_w[1], clip.last_w[2] = to_sensor_axes(p, (s.imu.w[0], s.imu.w[1], s.imu.w[2]))
     for i in range(3):
-        last = s.imu.w[i]
-        slope = abs(w[i] - last) / dt
-        clip.w[i] = w[i]
+        last, rate = clip.last_w[i], clip.w[i]
+        slope = abs(rate - last) / dt
         if flags & (LIMITED_AXES << i):
-            before = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
+            before = cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
             if clip.time[i] == 0.0:
                 clip.slope[i], clip.time[i] = max(slope, clip.last_slope[i]), clip.flat[i]
             clip.time[i] += dt
-            angle = cut_off_angle(clip.slope[i], abs(w[i]), clip.time[i])
+            angle = cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
-            add_attitude_variance(s, (C[i], C[3 + i], C[6 + i]), variance)
+            n = quat_rotate((q[0], q[1], q[2], q[3]), (p.sensor_axes[i], p.sensor_axes[3 + i], p.sensor_axes[6 + i]))
+            add_attitude_variance(s, n, variance)
             add_clipping_variance(s, variance)
             add_attitude_noise(s, variance)
             clip.missing_angle += 2.0 * angle
@@ -56,8 +58,8 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
                 clip.w[i] += (angle if last > 0.0 else -angle) / dt
             clip.time[i] = 0.0
-            if abs(w[i] - last) < p.tuning.flat_step * abs(w[i]):
+            if abs(rate - last) < p.tuning.flat_step * abs(rate):
                 clip.flat[i] += dt
             else:
                 clip.flat[i], clip.last_slope[i] = 0.0, max(slope, p.tuning.clipping_slope_kept * clip.last_slope[i])
-    return clip.w[0], clip.w[1], clip.w[2]
+    return to_body_axes(p, (clip.w[0], clip.w[1], clip.w[2]))

@@ -69,6 +69,12 @@ def replace_variance(s: State, i: int, variance_: float) -> None:
 
 
 @kernel
+def couple_yaw_to_bias(s: State, times: Vector) -> None:
+    """The error of yaw has been made, in these times, s, by that of the gyro bias, too."""
+    shear3(s.cov.P, STATES, ATTITUDE + 2, GYRO_BIAS, times[0], times[1], times[2])
+
+
+@kernel
 def age_tilt(s: State, i: int, columns_of_c: Vector, time: float) -> None:
     """Tilt i is that of `time` ago: its error has grown with the gyro bias since. `columns_of_c`: row i of C."""
     for j in range(3):

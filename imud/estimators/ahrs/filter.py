@@ -15,7 +15,7 @@ from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .history import record_possible_tilt
 from .integrals import reset_integrals
-from .last_sample import set_outage, store_sample, update_mean_square_rate
+from .last_sample import forget_period, set_outage, store_sample, update_mean_square_rate
 from .levelling import (
     coarse_level,
     initialise_attitude,
@@ -29,6 +29,7 @@ from .motion import update_scatter, update_travel
 from .outages import (
     add_outage_noise,
     add_shock_noise,
+    add_stamp_noise,
     force_without_acceleration,
     hold_invalid_axes,
     hold_rate,
@@ -37,12 +38,13 @@ from .outages import (
 from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import update_quantization
+from .sensor_axes import to_body_axes, to_sensor_axes
 from .solution import write_solution
 from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
 from .variance_factor import restart_variance_factor, update_variance_factor
-from .velocity_hypotheses import follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
+from .velocity_hypotheses import correct_yaw, follow_correction, follow_hypotheses, start_hypotheses, update_hypotheses
 
 if TYPE_CHECKING:
     from ..types import Sample, Solution
@@ -67,10 +69,14 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     Of a sample that the health monitor does not believe, the last rates are held and the force assumed to be gravity.
     """
     c = p.tuning
-    w = (
-        compensate_truncation(s, sample.w[0], 0),
-        compensate_truncation(s, sample.w[1], 1),
-        compensate_truncation(s, sample.w[2], 2),
+    reading = to_sensor_axes(p, (sample.w[0], sample.w[1], sample.w[2]))
+    w = to_body_axes(
+        p,
+        (
+            compensate_truncation(s, reading[0], 0),
+            compensate_truncation(s, reading[1], 1),
+            compensate_truncation(s, reading[2], 2),
+        ),
     )
     f = (sample.f[0], sample.f[1], sample.f[2])
     if sample.flags & POWER_ON and dt >= 0.0:
@@ -78,7 +84,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:
-        w = hold_invalid_axes(s.imu.w, w, sample.flags)
+        w = hold_invalid_axes(p, s.imu.w, w, sample.flags)
         hold_rate(p, s, max(dt, 0.0), sample.outage_s)
     if not has_force:
         f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])
@@ -93,8 +99,10 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
         if sample.flags & SATURATED or dt > p.gap_s or s.imu.outage_s > 0.0:
             add_outage_noise(p, s, w, f, dt, sample.flags)
         if dt > p.gap_s:
+            forget_period(s)
             mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
         else:
+            add_stamp_noise(p, s, w, f, dt)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
         update_scatter(p, s, dt)
         if has_rate and has_force:
@@ -105,7 +113,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0, 0.0)
-        update_quantization(p, s, (sample.w[0], sample.w[1], sample.w[2]))
+        update_quantization(p, s, reading)
     if s.levelling.initialised == 0 and has_force:
         initialise_attitude(p, s, f, last_f, is_first)
         start_hypotheses(p, s)
@@ -145,13 +153,14 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     update_travel(p, s)
     was_stationary = s.stationarity.stationary == 1
     if detect_stationary(p, s):
+        correct_yaw(s)
         fuse_stationary(p, s)
         fuse_zero_position(p, s)
     elif s.hypotheses.leading == 1:
         follow_hypotheses(p, s)
     else:
         if was_stationary:
-            add_truncation_noise(s)
+            add_truncation_noise(p, s)
             add_hidden_motion(s)
         fuse_zero_velocity(p, s)
         fuse_zero_position(p, s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
@@ -45,6 +46,39 @@ def update_force_change(s: State, f: Vector) -> float:
         unannounced2 += (change - s.imu.f_change[i]) ** 2
         s.imu.f_change[i] = change
     return unannounced2
+
+
+@kernel
+def update_stamp_variance(s: State, dt: float, share: float) -> None:
+    """The newest period, dt, is so much of the mean: minus the covariance of one period with the next.
+
+    Of even samples whose stamps have errors, a period that is too long makes the next one too short. Where samples are
+    uneven and their stamps right, it does not.
+    """
+    imu = s.imu
+    change = dt - imu.last_dt if imu.last_dt > 0.0 else 0.0
+    covariance = change * imu.dt_change + 0.5 * change * change  # whatever the mean period is
+    imu.dt_covariance += share * (covariance - imu.dt_covariance)
+    imu.last_dt, imu.dt_change = dt, change
+
+
+@kernel
+def stamp_variance(s: State) -> float:
+    """Of the stamps about even ones, s^2."""
+    return max(-s.imu.dt_covariance, 0.0)
+
+
+@kernel
+def turn_in_stamp_error(s: State) -> float:
+    """By how much the body turns in the error of a stamp, rad: the attitude is that of another time than stated."""
+    w = s.imu.w
+    return math.sqrt(stamp_variance(s) * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
+
+
+@kernel
+def forget_period(s: State) -> None:
+    """After a gap there is no period to compare with."""
+    s.imu.last_dt = s.imu.dt_change = 0.0
 
 
 @kernel

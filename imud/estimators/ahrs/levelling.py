@@ -28,6 +28,7 @@ from ...math.rotation import (
     quat_of_euler,
     quat_of_gravity,
     quat_product,
+    quat_rotate,
 )
 from .attitude_step import restart_attitude_step
 from .divergence import restart_velocity_gain
@@ -54,8 +55,15 @@ def restart_imu(s: State, w: Vector, f: Vector) -> None:
 
 @kernel
 def require_initialisation(s: State) -> None:
-    """Roll and pitch are initialised anew from the next sample."""
+    """Roll and pitch are initialised anew from the next sample; yaw may be wrong by as much as that turns them.
+
+    A body that accelerates turns them by more than they were wrong, and levelling turns them back: two sigmas at most.
+    """
+    q, f = s.nav.q_nb, s.imu.f
     s.levelling.initialised = 0
+    n = quat_rotate((q[0], q[1], q[2], q[3]), (f[0], f[1], f[2]))
+    turned = elementary.atan2(elementary.hypot(n[0], n[1]), -n[2])
+    add_variance(s, ATTITUDE + 2, min(turned, 2.0 * s.cov.sigma_tilt) ** 2)
 
 
 @kernel

@@ -9,7 +9,8 @@ from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RA
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
-from .last_sample import set_outage, update_force_change
+from .last_sample import set_outage, stamp_variance, update_force_change, update_stamp_variance
+from .sensor_axes import to_body_axes, to_sensor_axes
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -23,15 +24,19 @@ def mean_reading(a: Reals, b: Vector) -> Vector:
 
 
 @kernel
-def hold_invalid_axes(last: Reals, w: Vector, flags: int) -> Vector:
-    """The rates w, with those of invalid axes replaced by the last ones."""
+def hold_invalid_axes(p: Parameters, last: Reals, w: Vector, flags: int) -> Vector:
+    """The rates w, with those of invalid axes of the sensor replaced by the last ones."""
     axes = flags // NO_RATE_AXES & 7
     if flags & SUSPECT or axes == 0:
-        axes = 7
-    return (
-        last[0] if axes & 1 else w[0],
-        last[1] if axes & 2 else w[1],
-        last[2] if axes & 4 else w[2],
+        return last[0], last[1], last[2]
+    before, now = to_sensor_axes(p, (last[0], last[1], last[2])), to_sensor_axes(p, w)
+    return to_body_axes(
+        p,
+        (
+            before[0] if axes & 1 else now[0],
+            before[1] if axes & 2 else now[1],
+            before[2] if axes & 4 else now[2],
+        ),
     )
 
 
@@ -87,6 +92,21 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
             add_noise(s, c.saturation_noise**2 * w2 * dt, 0.0)
         if limited != LIMITED_RATE:
             add_noise(s, 0.0, c.saturation_noise**2 * f2 * dt)
+
+
+@kernel
+def add_stamp_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
+    """Noise from stamps that scatter: a sample that seems longer, and the next one shorter, counts for too much.
+
+    Of the errors of the stamps, which nothing else shows, remain in the sum those times the change of the reading.
+    """
+    update_stamp_variance(s, dt, dt / min(s.sample_count * dt, p.tuning.stamp_time_s))
+    dw2 = df2 = 0.0
+    for i in range(3):
+        dw2 += (w[i] - s.imu.w[i]) ** 2
+        df2 += (f[i] - s.imu.f[i]) ** 2
+    variance = stamp_variance(s)
+    add_noise(s, variance * dw2, variance * df2)
 
 
 @kernel

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from .ekf import fuse_state
-from .error_model import add_variance, variance
+from .error_model import add_bias_variance, variance
 from .motion import begins_at_rest, reset_motion
 from .state import GYRO_BIAS, POSITION, VELOCITY
 
@@ -44,10 +44,12 @@ def fuse_stationary(p: Parameters, s: State) -> None:
 
 
 @kernel
-def add_truncation_noise(s: State) -> None:
+def add_truncation_noise(p: Parameters, s: State) -> None:
     """When rest ends: the gyro bias in motion is that at rest but for the unknown truncation error there."""
-    for i in range(3):
-        add_variance(s, GYRO_BIAS + i, s.quantization.error_var[i])
+    R = p.sensor_axes
+    for k in range(3):
+        sigma = s.quantization.error_var[k] ** 0.5
+        add_bias_variance(s, (sigma * R[k], sigma * R[3 + k], sigma * R[6 + k]))
 
 
 @kernel

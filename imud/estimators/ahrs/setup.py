@@ -42,6 +42,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["gyro_matrix_inflation"] = profile.gyro_scale**2 - p["gyro_matrix_var"]
     p["accel_bias_inflation"] = profile.accel_bias_initial**2 - p["accel_bias_var"]
     p["accel_scale_inflation"] = profile.accel_scale**2 - p["accel_scale_var"]
+    p["sensor_axes"] = np.eye(3).ravel()
     p["mean_rate_psd"] = (float(tuning["mean_rate_noise"]) * profile.gyro_noise) ** 2
     return p
 

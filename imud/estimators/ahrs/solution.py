@@ -12,6 +12,7 @@ from imud.drivers.sample import UNCONFIRMED_RATE
 from ...compile.jit import kernel
 from ...math.rotation import UNKNOWN_ANGLE
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
+from .last_sample import turn_in_stamp_error
 from .mechanization import compensate_force, compensate_rate
 
 if TYPE_CHECKING:
@@ -24,15 +25,16 @@ def write_solution(p: Parameters, s: State, flags: int, out: Solution) -> None:
     """Write a row of SOLUTION; what this filter does not estimate is NaN."""
     nav, cov, c = s.nav, s.cov, p.tuning
     status = 0
-    cut_off = s.clipping.missing_angle  # rad, about any axis
+    cut_off = s.clipping.missing_angle + turn_in_stamp_error(s)  # rad, about any axis
     unseen = elementary.hypot(s.attitude_step.possible_tilt_error, s.motion.hidden_tilt)  # of roll and pitch
     unseen = elementary.hypot(unseen, elementary.hypot(cut_off, s.hypotheses.possible_tilt_error))
-    unseen = elementary.hypot(unseen, s.stationarity.hidden_tilt)
+    unseen = elementary.hypot(unseen, elementary.hypot(s.stationarity.hidden_tilt, s.stationarity.possible_tilt))
     if flags & UNCONFIRMED_RATE != 0:
         cut_off = unseen = UNKNOWN_ANGLE
     cov.unseen_tilt, cov.unseen_yaw = unseen, cut_off
     if (
         s.levelling.initialised == 1
+        and s.levelling.coarse == 0  # how fast a body accelerates that moves already, nothing has shown yet
         and elementary.hypot(cov.sigma_tilt, unseen) < c.valid_tilt_rad
         and s.imu.outage_s < c.long_gap_s
     ):

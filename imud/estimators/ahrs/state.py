@@ -48,6 +48,7 @@ PARAMETERS = np.dtype(
         ("accel_bias_inflation", "<f8"),
         ("accel_scale_inflation", "<f8"),
         ("mean_rate_psd", "<f8"),  # (rad/s)^2 s: noise of the mean rate at rest
+        ("sensor_axes", "<f8", (9,)),  # rotation matrix from the sensor's to body axes: flags are about the sensor's
         ("tuning", dtype_of(TUNABLES)),
     ],
     align=True,
@@ -89,6 +90,9 @@ IMU = np.dtype(  # the newest good sample as measured
         ("outage_s", "<f8"),  # for how long the rate has been held
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
+        ("last_dt", "<f8"),  # s, between the newest two samples; 0: not known
+        ("dt_change", "<f8"),  # s, by which it differs from that before
+        ("dt_covariance", "<f8"),  # s^2, of one such time with the next
     ],
     align=True,
 )
@@ -153,6 +157,8 @@ STATIONARITY = np.dtype(
         ("stationary", "<i8"),
         ("since_first_s", "<f8"),  # since the first rest began
         ("bg_before", "<f8", (3,)),  # rad/s, the gyro bias before it
+        ("since_rest_s", "<f8"),  # since the last moment of rest
+        ("possible_tilt", "<f8"),  # rad, sigma of a tilt error: what seems to accelerate may rest
         ("least_force_psd", "<f8"),  # (m/s)^2/s, the least force_psd at this rest: that of the quietest moment
         # of an even motion that the rest may have been, with its probability: the standard deviations
         ("hidden_tilt", "<f8"),  # rad, of roll and pitch
@@ -218,6 +224,7 @@ VELOCITY_HYPOTHESES = np.dtype(  # the first index is the hypothesis
         ("hand", "<f8"),  # probability that the body is in a hand
         ("mean", "<f8", (HYPOTHESIS_STATES,)),  # of the others
         ("covariance", "<f8", (HYPOTHESIS_STATES, HYPOTHESIS_STATES)),
+        ("yaw_correction", "<f8"),  # rad, that is due at the first rest
         ("leading", "<i8"),  # 1: the filter follows the others
         ("due", "<i8"),  # 1: it has not yet, to what they newly say
         ("possible_tilt_error", "<f8"),  # rad, of roll and of pitch
@@ -236,13 +243,14 @@ VARIANCE_FACTOR = np.dtype(  # the corrections of tilt, north and east, over wha
     align=True,
 )
 
-CLIPPING = np.dtype(  # of the gyro, by axes
+CLIPPING = np.dtype(  # of the gyro, by its own axes
     [
         ("time", "<f8", (3,)),  # s, at the end of the range
         ("slope", "<f8", (3,)),  # rad/s^2, with which the rate came there
         ("last_slope", "<f8", (3,)),  # rad/s^2, of the newest step that was not flat
         ("flat", "<f8", (3,)),  # s, of flat steps since
         ("w", "<f8", (3,)),  # rad/s, the newest rates, compensated
+        ("last_w", "<f8", (3,)),  # rad/s, those before
         ("missing_angle", "<f8"),  # rad, that the attitude may lack while a rate is at the end of the range
     ],
     align=True,

@@ -8,7 +8,8 @@ A vehicle on a smooth road moves as little as one that stands. Which it does, it
 that moves, whatever its engine does. Where its way shook it no more than its engine, the velocity tells that it should
 have moved on, zero but for the errors of the integral if it stands. The longer the low motion, the likelier it stands.
 
-What seems to accelerate and yet stands, or does so evenly for longer than vehicles do, rests in a wrong attitude.
+What seems to accelerate and yet stands, or does so evenly for longer than vehicles do, rests in a wrong attitude. Until
+then it is stated that it may.
 
 Steady slow rotation about the vertical looks just like a bias; only what is known already distinguishes the two. A mean
 rate that contradicts the known bias is not fused until the growing variance of the bias allows it; unless it is the
@@ -324,6 +325,8 @@ def detect_stationary(p: Parameters, s: State) -> bool:
     was_stationary = m.stationary == 1
     m.stationary = 0
     m.since_first_s += s.integrals.time
+    m.since_rest_s = 0.0 if was_stationary else m.since_rest_s + s.integrals.time
+    m.possible_tilt = 0.0
     fade_hidden_tilt(p, s)
     if m.gravity_checked == 0:
         m.unmeasured_s += s.integrals.time
@@ -338,6 +341,8 @@ def detect_stationary(p: Parameters, s: State) -> bool:
         check_gravity(p, s)
     contradicts = rate_contradicts_bias(p, s)
     acceleration = unexplained_acceleration(p, s)
+    if m.since_rest_s - m.low_motion_s < c.stationary_time_s:  # it began at rest
+        m.possible_tilt = math.sqrt(c.rise_slip_probability) * acceleration / s.nav.gravity
     turned = acceleration > 0.0 and force_is_only_turned(p, s, acceleration)
     needed_s = c.confirmation_time_s if turned or vibrates_less_than_in_travel(p, s) else c.travel_time_s
     if contradicts and (acceleration == 0.0 or m.low_motion_s > needed_s) and gravity_is_fixed(p, s):

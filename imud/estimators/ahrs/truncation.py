@@ -21,6 +21,7 @@ from imud.drivers import elementary
 
 from ...compile.jit import kernel
 from .mechanization import shift_gyro_bias
+from .sensor_axes import to_body_axes
 from .state import BINS, WINDOW
 
 if TYPE_CHECKING:
@@ -83,7 +84,9 @@ def update_truncation(p: Parameters, s: State) -> None:
     share = 0.5 / (1.0 + elementary.exp(-z.truncation_log_odds))
     for i in range(3):
         z.max_error[i] = share * z.lsb[i]
-        shift_gyro_bias(s, i, update_errors(p, s, i))
+    change = to_body_axes(p, (update_errors(p, s, 0), update_errors(p, s, 1), update_errors(p, s, 2)))
+    for i in range(3):
+        shift_gyro_bias(s, i, change[i])
 
 
 @kernel

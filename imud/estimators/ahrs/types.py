@@ -21,6 +21,7 @@ class Tuning:
     gap_force_psd: float
     fault_rate_radps: float
     fault_force_psd: float
+    stamp_time_s: float
     clipping_error: float
     clipping_slope_kept: float
     flat_step: float
@@ -148,6 +149,7 @@ class Parameters:
     accel_bias_inflation: float
     accel_scale_inflation: float
     mean_rate_psd: float
+    sensor_axes: Reals
     tuning: Tuning
 
 
@@ -180,6 +182,9 @@ class Imu:
     outage_s: float
     fault_s: float
     rate2: float
+    last_dt: float
+    dt_change: float
+    dt_covariance: float
 
 
 class Integrals:
@@ -232,6 +237,8 @@ class Stationarity:
     stationary: int
     since_first_s: float
     bg_before: Reals
+    since_rest_s: float
+    possible_tilt: float
     least_force_psd: float
     hidden_tilt: float
     hidden_turn: Reals
@@ -273,6 +280,7 @@ class Clipping:
     last_slope: Reals
     flat: Reals
     w: Reals
+    last_w: Reals
     missing_angle: float
 
 
@@ -304,6 +312,7 @@ class VelocityHypotheses:
     hand: float
     mean: Reals
     covariance: Tensor
+    yaw_correction: float
     leading: int
     due: int
     possible_tilt_error: float

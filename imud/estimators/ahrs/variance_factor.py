@@ -13,6 +13,9 @@ larger is believed until it has been compared. A sum that is large just now coun
 
 An accelerometer bias is a tilt that no correction shows: what it explains of the tilt's variance is left out. A vehicle
 accelerates for longer than any sum, so all of this is only for bodies that move as no vehicle does, after a first rest.
+
+A sum that is far larger than expected has another cause: the gyro bias has changed. What turns the tilt by the sum in
+that time is added to the variance of the bias, of all axes, as the yaw shows nothing.
 """
 
 from __future__ import annotations
@@ -21,8 +24,8 @@ from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
-from .error_model import variance
-from .state import ACCEL_BIAS, ATTITUDE, STATES
+from .error_model import add_variance, variance
+from .state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, STATES
 
 if TYPE_CHECKING:
     from .types import Parameters, State
@@ -65,6 +68,8 @@ def update_variance_factor(p: Parameters, s: State) -> None:
         sum2 += factor.correction[i] * factor.correction[i]
         expected2 += factor.expected2[i]
     others = correctable0 + correctable1
+    if sum2 > c.correction_gate * expected2 and s.stationarity.stationary == 0:
+        add_bias_step(p, s, max(sum2 - expected2, 0.0))
     weight, faded = time / c.correction_time_s, time / (c.correction_memory_s + time)
     factor.squares += weight * sum2 - faded * factor.squares
     factor.expectations += weight * min(expected2, others) - faded * factor.expectations
@@ -75,6 +80,14 @@ def update_variance_factor(p: Parameters, s: State) -> None:
     ratio = min(max(ratio, sum2 / (c.correction_gate * others)), 1.0)
     factor.tilt_scale[0] = (1.0 - (1.0 - ratio) * correctable0 / variance(s, ATTITUDE)) ** 0.5
     factor.tilt_scale[1] = (1.0 - (1.0 - ratio) * correctable1 / variance(s, ATTITUDE + 1)) ** 0.5
+
+
+@kernel
+def add_bias_step(p: Parameters, s: State, angle2: float) -> None:
+    """The gyro bias may have changed by what has turned the tilt by this angle squared, rad^2, lately."""
+    time = p.tuning.correction_time_s
+    for i in range(3):
+        add_variance(s, GYRO_BIAS + i, angle2 / time**3 * s.integrals.time)
 
 
 @kernel

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
+from ...math.kalman import packed_index
 from .attitude_step import is_undecided
-from .error_model import replace_variance, variance
+from .error_model import couple_yaw_to_bias, replace_variance, variance
 from .hypothesis_filters import (
     BIAS,
     HANDS,
@@ -34,9 +35,10 @@ from .hypothesis_filters import (
 )
 from .integrals import turn_about_vertical
 from .motion import reset_motion, start_motion
-from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES, HYPOTHESIS_STATES, VELOCITY
+from .state import ATTITUDE, GYRO_BIAS, HYPOTHESES, HYPOTHESIS_STATES, STATES, VELOCITY
 
 if TYPE_CHECKING:
+    from ...math.rotation import Vector
     from .types import Parameters, State
 
 INTERVAL = 1.0  # s
@@ -201,18 +203,51 @@ def tilt_error_of_others(s: State) -> float:
 
 
 @kernel
+def correct_yaw(s: State) -> None:
+    """At rest: the correction that the hypotheses left."""
+    s.scratch.x[ATTITUDE + 2] += s.hypotheses.yaw_correction
+    s.hypotheses.yaw_correction = 0.0
+
+
+@kernel
+def yaw_by_bias(s: State) -> Vector:
+    """By how much the yaw is wrong for each error of the gyro bias, s: P_yaw,bias / P_bias,bias, by elimination."""
+    P = s.cov.P
+    a = P[packed_index(STATES, GYRO_BIAS, GYRO_BIAS)]
+    b = P[packed_index(STATES, GYRO_BIAS, GYRO_BIAS + 1)] / a
+    c = P[packed_index(STATES, GYRO_BIAS, GYRO_BIAS + 2)] / a
+    d = P[packed_index(STATES, GYRO_BIAS + 1, GYRO_BIAS + 1)] - a * b * b
+    e = (P[packed_index(STATES, GYRO_BIAS + 1, GYRO_BIAS + 2)] - a * b * c) / d
+    f = P[packed_index(STATES, GYRO_BIAS + 2, GYRO_BIAS + 2)] - a * c * c - d * e * e
+    x = P[packed_index(STATES, ATTITUDE + 2, GYRO_BIAS)]
+    y = P[packed_index(STATES, ATTITUDE + 2, GYRO_BIAS + 1)] - b * x
+    z = (P[packed_index(STATES, ATTITUDE + 2, GYRO_BIAS + 2)] - c * x - e * y) / f
+    y = y / d - e * z
+    return x / a - b * y - c * z, y, z
+
+
+@kernel
 def follow_hypotheses(p: Parameters, s: State) -> None:
-    """The mixture of the hypotheses becomes the filter's tilt, gyro bias and velocity."""
+    """The mixture of the hypotheses becomes the filter's tilt, gyro bias and velocity.
+
+    The yaw follows the gyro bias, which has turned it: what else is known of the yaw stays. All velocities are in axes
+    that turn with the yaw, so that it is corrected at rest.
+    """
     b, x = s.hypotheses, s.scratch.x
     if b.due == 0:
         return
     b.due = 0
     for i in range(3):
         reset_motion(p, s, i)
+    by_bias = yaw_by_bias(s)
+    for i in range(3):
+        b.yaw_correction += by_bias[i] * b.mean[BIAS + i]
+    couple_yaw_to_bias(s, (-by_bias[0], -by_bias[1], -by_bias[2]))
     for i in range(INTEGRATED):
         state = ATTITUDE + i - TILT if i < BIAS else GYRO_BIAS + i - BIAS
         x[state] = b.mean[i]
         replace_variance(s, state, b.covariance[i, i])
+    couple_yaw_to_bias(s, by_bias)
     for i in range(2):
         x[VELOCITY + i] = b.mean[TRUE_VELOCITY + i]
         replace_variance(s, VELOCITY + i, b.covariance[TRUE_VELOCITY + i, TRUE_VELOCITY + i])

@@ -157,6 +157,14 @@ def test_a_given_one_that_is_wrong_by_a_metre_is_found_by_positions_of_centimetr
         assert (np.abs(of[2][-20:, 2]) < 4.0 * sigmas[2][-20:, 2]).all()
 
 
+def test_a_given_one_that_is_wrong_by_six_metres_is_found_by_a_survey():
+    """As of 3 m with the wrong sign."""
+    for seed in range(2):
+        error, _, of, sigmas = run(seed, True, "auto", mistake=np.array([0.0, 6.0, 0.0]), late=0.0)
+        assert np.abs(error[:2]).max() < 0.5
+        assert (np.abs(of[2][-20:, 2]) < 4.0 * sigmas[2][-20:, 2]).all()
+
+
 def test_one_that_is_wrong_by_decimetres_is_found_by_a_receiver_of_centimetres():
     """Before, the position was off by them, at a stated centimetre or two."""
     runs = [run(seed, True, "auto", mistake=np.array([0.25, -0.3, 0.1])) for seed in range(4)]

@@ -105,3 +105,14 @@ def test_an_outlier_of_a_survey_is_no_lever_arm(at):
     out, _, state = navigate(samples, fixes, Settings(navigation=Navigation(lever_arm_m=(0.0, 0.0, 0.0))))
     assert np.abs(errors(STRAIGHT, out)[0][6000:, :2]).max() < 1.0
     assert not state["core"][0, 0]["nav"]["gnss_lever_arm"].any()
+
+
+def test_an_outlier_is_no_lag_of_the_velocity():
+    """A robot's receiver: one position 40 m off was a lag of 2 s, so that its velocity was no longer used."""
+    d = drive(160.0, speed=1.2)
+    for at in (500, 520, 540, 560, 580, 600):
+        fixes = received(d, np.random.default_rng(4), late=0.1, sigma=1.0, every=0.2)
+        fixes["lat"][at] += 25.0 / 6.37e6
+        fixes["lon"][at] -= 45.0 / 6.37e6
+        _, _, state = run(fixes, d)
+        assert np.atleast_1d(state["velocity_lag"]["late"])[0] == 0

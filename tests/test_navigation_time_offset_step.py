@@ -8,6 +8,7 @@ from replay_in_process import new_filter, replay
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
+from imud.estimators.ins.glr_tests.fault_sensitivity import note_energy
 from imud.estimators.ins.glr_tests.time_offset_step import detect_time_offset_step
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
@@ -113,3 +114,17 @@ def test_a_step_has_to_explain_more_than_another_cause(explained_otherwise, dete
     c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
     g.information, g.vector, g.count, g.energy = 100.0, 100.0, 300, 400.0
     assert interpreted(detect_time_offset_step)(p, c, explained_otherwise) == detected
+
+
+@pytest.mark.parametrize(("of_two", "detected"), [((392.0, 8.0), False), ((300.0, 100.0), True)])
+def test_an_outlier_is_no_step(of_two, detected):
+    """Of a simulated motorcycle with centimetre accuracy: a position 26 m off, before others that were right, was one."""
+    p = configure(Settings(), 100.0).view(np.recarray)[0]
+    c = start(configure(Settings(), 100.0), Initial())["core"][0].view(np.recarray)[0]
+    g = c.time_offset_step
+    c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
+    g.information, g.vector, g.count, g.energy = 100.0, 100.0, 300, 400.0
+    for k, energy in enumerate(of_two):
+        for part in (0.5, 0.5):  # north and east
+            interpreted(note_energy)(g, 17_000_000_000 + k, part * energy)
+    assert interpreted(detect_time_offset_step)(p, c, 0.0) == detected

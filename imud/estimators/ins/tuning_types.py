@@ -366,7 +366,6 @@ class Tuning:
     gyro_bias_correlation_s: float
     lever_arm_error_chi2: float
     min_lever_arm_error: float
-    max_lever_arm_error: float
     lever_arm_error_share: float
     vibration_vrw: float
     vibration_arw: float

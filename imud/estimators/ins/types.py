@@ -364,6 +364,9 @@ class TimeOffsetStep:
     vector: float
     energy: float
     count: int
+    epoch_ns: int
+    epoch_energy: float
+    largest_energy: float
     jump: Tensor
 
 
@@ -404,6 +407,9 @@ class LeverArmError:
     information: Reals
     energy: float
     count: float
+    epoch_ns: int
+    epoch_energy: float
+    largest_energy: float
 
 
 class Alignment:

@@ -27,8 +27,7 @@ approach to the detection and estimation of jumps in linear systems (1976).
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ....compile.jit import kernel, unrolled
 from ..boresights import any_boresight, has_boresight, remove_drift_from_boresights
@@ -56,7 +55,7 @@ from ..state import (
 if TYPE_CHECKING:
     from ..types import Core, Transition
 
-OUTLIER_SIGMAS = 5.0  # beyond what the largest fault explains
+OUTLIER_SHARE = 0.95  # of the energy: two fixes of a step have it in some proportion
 
 
 @kernel
@@ -239,12 +238,24 @@ def chi2_beyond(information: float, vector: float, energy: float, count: float) 
 
 
 @kernel
-def may_explain(mean: float, most: float, z: float, s: float) -> bool:
-    """Whether a fault of at most that size, per unit of which an innovation z of variance s has this mean, explains it.
+def note_energy(g: Any, t_ns: int, energy: float) -> None:
+    """Note what a normalised innovation squared of the fix at this time, ns, adds to the energy of the test g."""
+    if t_ns != g.epoch_ns:
+        g.epoch_ns, g.epoch_energy = t_ns, 0.0
+    g.epoch_energy += energy
+    g.largest_energy = max(g.largest_energy, g.epoch_energy)
 
-    What none explains within OUTLIER_SIGMAS is an outlier, which alone would outweigh all other innovations.
-    """
-    return bool(abs(z) < most * mean + OUTLIER_SIGMAS * math.sqrt(s))
+
+@kernel
+def clear_energy(g: Any) -> None:
+    """At the onset: there is none."""
+    g.energy = g.epoch_energy = g.largest_energy = 0.0
+
+
+@kernel
+def is_outlier(g: Any) -> bool:
+    """Whether nearly all of the energy is that of one fix: what lasts shows in several."""
+    return bool(g.largest_energy > OUTLIER_SHARE * g.energy)
 
 
 @kernel

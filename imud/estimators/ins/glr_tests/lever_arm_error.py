@@ -8,8 +8,8 @@ and velocity, until positions are rejected.
 An error d of the lever arm, ahead and to the right, is a fault of `fault_sensitivity` since an onset: V is -1 at
 GNSS_LEVER_ARM and C_nb at POSITION, which has the error already. All innovations of positions and velocities since,
 also rejected ones, give its size, with the prior of a lever arm that is not set. Errors of less than
-`min_lever_arm_error` are left: those of time look the same. A position that no error of up to `max_lever_arm_error`
-explains is an outlier.
+`min_lever_arm_error` are left: those of time look the same. Where one fix has nearly all of the normalised innovations
+squared, it is an outlier.
 
 When one is found, what it has done is removed, and the lever arm is estimated from there on; its sigma is a share of
 the error, as it was given by somebody who was wrong.
@@ -20,8 +20,6 @@ Source: as `fault_sensitivity`.
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-
-from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
@@ -39,7 +37,7 @@ from ..state import (
     POSITION,
 )
 from .current import add_to_sums
-from .fault_sensitivity import may_explain, open_column, remove_drift, set_sensitivity
+from .fault_sensitivity import clear_energy, is_outlier, note_energy, open_column, remove_drift, set_sensitivity
 from .gyro_bias_step import weight_of
 
 if TYPE_CHECKING:
@@ -49,13 +47,6 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("lever_arm_error_chi2", 30.0, "", "Chi-square (2 degrees of freedom) that proves an error.", "5 sigma."),
     Tunable("min_lever_arm_error", 0.5, "m", "Least error that is looked for.", "Errors of time: 0.1 to 0.4 m."),
-    Tunable(
-        "max_lever_arm_error",
-        5.0,
-        "m",
-        "Largest error: a position that is off by more than it explains is an outlier.",
-        "Length of a car.",
-    ),
     Tunable("lever_arm_error_share", 0.3, "", "Sigma of an error that was found, as a share of it.", "Choice."),
 )
 
@@ -73,7 +64,8 @@ def open_lever_arm_error(c: Core) -> None:
     g.onset_ns = c.nav.t_ns
     g.vector[:] = 0.0
     g.information[:] = 0.0
-    g.energy = g.count = 0.0
+    g.count = 0.0
+    clear_energy(g)
     for j in range(2):
         open_column(c, LEVER_ARM_FAULT + j)
         for i in range(3):
@@ -86,9 +78,9 @@ def add_to_lever_arm_error(p: Parameters, c: Core, z: float, s: float, r: float,
     """Add an innovation z of variance s of a fix, used or not; call before its update; r, axis: see `weight_of`."""
     if c.lever_arm_error.onset_ns == NEVER_NS:
         return
-    x, y = c.scratch.fault_innovation[LEVER_ARM_FAULT], c.scratch.fault_innovation[LEVER_ARM_FAULT + 1]
-    if may_explain(elementary.hypot(x, y), p.tuning.max_lever_arm_error, z, s):
-        add_to_sums(c.lever_arm_error, x, y, z, s, weight_of(p, c, s, r, axis))
+    mean, weight = c.scratch.fault_innovation, weight_of(p, c, s, r, axis)
+    note_energy(c.lever_arm_error, c.nav.t_ns, weight * z * z / s)
+    add_to_sums(c.lever_arm_error, mean[LEVER_ARM_FAULT], mean[LEVER_ARM_FAULT + 1], z, s, weight)
 
 
 @kernel
@@ -136,8 +128,8 @@ def detect_lever_arm_error(p: Parameters, c: Core, explained_otherwise: float) -
         open_lever_arm_error(c)
         return False
     x, y, xx, xy, yy, chi2 = find_lever_arm_error(p, c)
-    likely = p.tuning.min_lever_arm_error < elementary.hypot(x, y) < p.tuning.max_lever_arm_error
-    if not likely or chi2 <= p.tuning.lever_arm_error_chi2 or explained_by_lever_arm_error(p, c) <= explained_otherwise:
+    large = x * x + y * y > p.tuning.min_lever_arm_error**2 and not is_outlier(c.lever_arm_error)
+    if not large or chi2 <= p.tuning.lever_arm_error_chi2 or explained_by_lever_arm_error(p, c) <= explained_otherwise:
         return False
     apply_lever_arm_error(p, c, (x, y), xx, xy, yy)
     reset_lever_arm_error(c)

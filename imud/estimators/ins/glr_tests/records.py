@@ -55,6 +55,9 @@ TIME_OFFSET_STEP = np.dtype(  # the test for a step of the receiver's stamps (GL
         ("vector", "<f8"),  # 1/s, information times step
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<i8"),  # number of these
+        ("epoch_ns", "<i8"),  # of the last fix
+        ("epoch_energy", "<f8"),  # its part of the energy
+        ("largest_energy", "<f8"),  # the largest part that one fix has
         ("jump", "<f8", (2, 3)),  # of positions north, east: sums of 1 / s, of mean / s, of innovation / s
     ],
     align=True,
@@ -67,6 +70,9 @@ LEVER_ARM_ERROR = np.dtype(  # the test for a lever arm that is given wrong (GLR
         ("information", "<f8", (3,)),  # 1/m^2, of the error: xx, xy, yy
         ("energy", "<f8"),  # sum of the normalised innovations squared
         ("count", "<f8"),  # number of these
+        ("epoch_ns", "<i8"),  # of the last fix
+        ("epoch_energy", "<f8"),  # its part of the energy
+        ("largest_energy", "<f8"),  # the largest part that one fix has
     ],
     align=True,
 )

@@ -5,8 +5,9 @@ offset since an onset is a fault of `fault_sensitivity`. Least squares over the 
 since the onset, also of those that were rejected, gives d. Its chi-square is divided by the mean square of the
 residuals, so that errors of the receiver in any direction are no evidence of a step, and a constant jump of the
 position is eliminated first: only changes of the velocity distinguish the two. But the step has to explain most of the
-innovations without a jump, too, which it does not if one of them is an outlier. The onset is the last fix whose
-innovations were as expected, or after which a step could be excluded.
+innovations without a jump, too, which it does not if some of them are outliers; where nearly all of them is of one fix,
+that is an outlier. The onset is the last fix whose innovations were as expected, or after which a step could be
+excluded.
 
 When a step is detected, the fault is removed, and P += sigma^2 u u', with 1 at TIME_OFFSET and the velocity at
 POSITION in u. An offset and a displacement along the track cancel in every position (h u = 0); later fixes separate
@@ -24,7 +25,16 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance
 from ..state import NEVER_NS, POSITION, POSITION_AXIS, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY_AXIS
-from .fault_sensitivity import chi2_beyond, explains_most, open_column, remove_fault, set_sensitivity
+from .fault_sensitivity import (
+    chi2_beyond,
+    clear_energy,
+    explains_most,
+    is_outlier,
+    note_energy,
+    open_column,
+    remove_fault,
+    set_sensitivity,
+)
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -77,8 +87,9 @@ def open_time_offset_step(c: Core) -> None:
     """The onset is now."""
     g = c.time_offset_step
     g.onset_ns = c.nav.t_ns
-    g.information = g.vector = g.energy = 0.0
+    g.information = g.vector = 0.0
     g.count = 0
+    clear_energy(g)
     open_column(c, TIME_STEP_FAULT)
     set_sensitivity(c, TIME_OFFSET, TIME_STEP_FAULT, -1.0)
     g.jump[:] = 0.0
@@ -91,6 +102,7 @@ def add_to_time_offset_step(c: Core, z: float, s: float, axis: int) -> None:
     g.information += hw * hw / s
     g.vector += hw * z / s
     g.energy += z * z / s
+    note_energy(g, c.nav.t_ns, z * z / s)
     g.count += 1
     if not POSITION_AXIS <= axis < VELOCITY_AXIS:
         return
@@ -157,6 +169,7 @@ def detect_time_offset_step(p: Parameters, c: Core, explained_otherwise: float) 
         and p.tuning.min_time_offset_step_s < abs(d) < p.tuning.max_time_offset_step_s
         and explained_by_time_offset_step(c) > explained_otherwise
         and explains_most(explained_by_time_offset_step(c), g.energy, g.count)
+        and not is_outlier(g)
     ):
         apply_time_offset_step(c, d, p.tuning.time_offset_step_sigma * abs(d))
         open_time_offset_step(c)

@@ -8,7 +8,7 @@ the lag times the change of the velocity (`velocity_discrepancy` has that sum):
 
 Least squares over the pairs of points of the last minutes give the lag; the scale, as of a velocity in other units, is
 eliminated with a prior. The variance of the noise is that of the residuals, with the stated one as a prior, so that
-jumps of the positions are no evidence.
+jumps of the positions are no evidence; a pair that no credible lag and scale explain does not count.
 
 A lag of up to `max_lag_s` is estimated as an error state (VELOCITY_TIME_OFFSET). A velocity that is later for certain
 is smoothed, or of an earlier epoch, and is not used: neither its time nor its size is known. Positions that are later
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ...types import Fix
     from ..types import Core, Parameters, VelocityDiscrepancy, VelocityLag
 
+OUTLIER_SIGMAS = 5.0  # of a pair, beyond what a credible lag explains
 # whether the velocity is used; late, but the filter still has what it did; late
 USED, FOUND_LATE, LATE = 0, 1, 2
 TUNABLES = (
@@ -87,6 +88,9 @@ def learn_lag(p: Parameters, c: Core, g: VelocityLag, d: VelocityDiscrepancy, fi
         change_sum += change * s
         travel_sum += travel * s
         energy += s * s
+    credible = p.tuning.max_credible_lag_s * math.sqrt(change2) + 3.0 * p.tuning.lag_scale_sigma * math.sqrt(travel2)
+    if math.sqrt(energy) > credible + OUTLIER_SIGMAS / math.sqrt(weight):
+        return
     g.change2 = decay * g.change2 + weight * change2
     g.cross = decay * g.cross + weight * cross
     g.travel2 = decay * g.travel2 + weight * travel2

@@ -118,7 +118,7 @@ def test_a_step_has_to_explain_more_than_another_cause(explained_otherwise, dete
 
 @pytest.mark.parametrize(("of_two", "detected"), [((392.0, 8.0), False), ((300.0, 100.0), True)])
 def test_an_outlier_is_no_step(of_two, detected):
-    """Of a simulated motorcycle with centimetre accuracy: a position 26 m off, before others that were right, was one."""
+    """A position 26 m off, before others that are right, was one (a simulated motorcycle, centimetre accuracy)."""
     p = configure(Settings(), 100.0).view(np.recarray)[0]
     c = start(configure(Settings(), 100.0), Initial())["core"][0].view(np.recarray)[0]
     g = c.time_offset_step

@@ -110,10 +110,16 @@ def test_fixes_that_come_in_a_gap_before_the_heading_is_known_are_no_tilt(begin_
     assert (np.abs(yaw) < 2.5 * np.degrees(out["sigma_rpy"][:, 2]))[known].all()
 
 
-def test_a_sensor_whose_samples_come_in_blocks_gets_its_heading():
-    """Each fix comes 0.2 s before the samples of its epoch."""
-    d, rng = drive(40.0, rest=5.0), np.random.default_rng(1)
-    samples, fixes = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise), received(d, rng, sigma=1.0)
-    fixes["arrival_ns"] = fixes["t_ns"] - 200_000_000
+@pytest.mark.parametrize("block_s", [0.2, 0.6, 1.0])
+def test_a_sensor_whose_samples_come_in_blocks_gets_its_heading(block_s):
+    """A fix then is newer than the newest sample, by up to a block less its own delay."""
+    d, rng = drive(60.0, rest=5.0), np.random.default_rng(1)
+    samples = sensed(d, rng, PROFILE.gyro_noise, PROFILE.accel_noise)
+    fixes = received(d, rng, every=0.2, late=0.1, sigma=1.0, speed_sigma=0.1)
+    block_ns = round(1e9 * block_s)
+    fixes["arrival_ns"] = fixes["arrival_ns"] // block_ns * block_ns  # what has come until then
     out, _ = replay(new_filter("navigation", samples, SETTINGS), samples, fixes)
-    assert (out["status"][round(25.0 * RATE) :] & HEADING_VALID).all()
+    known = (out["status"] & HEADING_VALID) != 0
+    assert known[round(30.0 * RATE) :].all()
+    yaw = (euler_deg(out["q_nb"])[:, 2] - np.degrees(d.attitude.as_euler("ZYX")[:, 0]) + 180.0) % 360.0 - 180.0
+    assert np.abs(yaw[known]).max() < 8.0

@@ -365,6 +365,7 @@ STATE = np.dtype(
         ("fix", FIX),  # the last one given, as it is used
         ("last_course", "<f8"),  # rad, of that, as it was reported
         ("course_repeats", "<i8"),  # fixes in a row that have repeated a course to the last digit
+        ("usual_ahead", "<f8"),  # s, mean time by which fixes are newer than the newest sample
         ("last_epoch_ns", "<i8"),  # epoch of the last fix fused
         ("last_time_offset", "<f8"),  # s, as found at that fix
         ("last_fusion_ns", "<i8"),  # and the time of the core at which it was fused

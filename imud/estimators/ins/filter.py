@@ -71,8 +71,16 @@ TUNABLES = (
         "coarse_max_ahead_s",
         0.3,
         "s",
-        "The same before the heading is known, when nothing says where the velocity has changed since that sample.",
+        "The same of a fix before the heading is known, beyond what is usual.",
         "Sensors whose samples come in blocks.",
+    ),
+    Tunable(
+        "usual_ahead_share",
+        0.2,
+        "",
+        "Share of a fix in the mean time by which fixes are newer.",
+        "Five fixes.",
+        high=1.0,
     ),
     Tunable(
         "lost_time_offset_s",
@@ -158,7 +166,7 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
     s.fix, s.last_course = reported, reported.course
     if course_is_held(p, reported, s.course_repeats):
         fix.course = math.nan
-    too_new = 1e-9 * (fix.t_ns - c.nav.t_ns) >= max_ahead(p, c)
+    too_new = is_too_new(p, s, 1e-9 * (fix.t_ns - c.nav.t_ns))
     if fix.t_ns >= s.last_epoch_ns and not too_new:
         compare_with_positions(p, c, s.velocity_discrepancy, fix)
         learn_lag(p, c, s.velocity_lag, s.velocity_discrepancy, fix)
@@ -191,13 +199,16 @@ def update(p: Parameters, s: State, reported: Fix, innovations: list[Innovation]
 
 
 @kernel
-def max_ahead(p: Parameters, c: Core) -> float:
-    """Largest time, s, by which a fix may be newer than the newest sample.
+def is_too_new(p: Parameters, s: State, ahead: float) -> bool:
+    """Whether a fix that is `ahead` s newer than the newest sample, as in a gap, cannot be fused at that sample.
 
-    Before the heading is known nothing says in which direction the velocity has changed since that sample: fused at its
-    time, velocities of a body that accelerates pass for its tilt.
+    Before the heading is known nothing says in which direction the velocity has changed since: the velocities of a body
+    that accelerates pass for its tilt. By how much fixes are ahead usually is the delay of the samples, and no gap.
     """
-    return float(p.tuning.coarse_max_ahead_s if c.alignment.mode == COARSE_ALIGNMENT else p.tuning.max_ahead_s)
+    usual = s.usual_ahead
+    s.usual_ahead += p.tuning.usual_ahead_share * (min(max(ahead, 0.0), p.tuning.max_ahead_s) - usual)
+    coarse = s.core[0].alignment.mode == COARSE_ALIGNMENT
+    return bool(ahead >= p.tuning.max_ahead_s or (coarse and ahead >= p.tuning.coarse_max_ahead_s + usual))
 
 
 @kernel

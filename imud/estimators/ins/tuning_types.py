@@ -386,6 +386,7 @@ class Tuning:
     accel_window_gate: float
     max_ahead_s: float
     coarse_max_ahead_s: float
+    usual_ahead_share: float
     lost_time_offset_s: float
     heading_sigma: float
     heading_correlation_s: float

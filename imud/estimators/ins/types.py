@@ -783,6 +783,7 @@ class State:
     fix: Fix
     last_course: float
     course_repeats: int
+    usual_ahead: float
     last_epoch_ns: int
     last_time_offset: float
     last_fusion_ns: int

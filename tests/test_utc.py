@@ -1,24 +1,34 @@
 """The time that clients get: the machine's, or the receiver's where the two contradict each other."""
 
 import calendar
+import contextlib
 import json
 import time
 from datetime import date
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from nmea_lines import line
 
-from imud.configuration.settings import Settings
+from imud.configuration.settings import Initial, Settings
 from imud.daemon.change_logger import ChangeLogger
+from imud.daemon.devices import Devices
+from imud.daemon.fast_loop import FastLoop
 from imud.daemon.in_use import SensorsInUse
 from imud.daemon.publisher import Publisher
 from imud.daemon.status_reporter import StatusReporter
 from imud.daemon.utc import Utc
+from imud.drivers.capture_messages import READS, Connection, Raw, Reads, to_builtins
+from imud.drivers.driver import GnssConfigured, Identity
 from imud.drivers.registry import by_name
 from imud.outputs.gpsd_fix import fix_object
 from imud.outputs.view import Health
 from imud.process.contained import ContainedErrors
+from imud.recording.control import Recordings
+from imud.recording.file import RecordingFile
+from imud.recording.player import Handlers, Player
+from imud.recording.source import Recording, adapter
 from imud.sensors.receiver import Receiver
 
 SECOND, YEAR_S = 1_000_000_000, 365 * 86_400
@@ -156,11 +166,37 @@ def test_a_receiver_whose_weeks_have_rolled_over_means_todays_date(clocks, ahead
     assert fix_time(source.view()).startswith(today.isoformat())
 
 
-def test_a_recording_keeps_its_dates(clocks):
-    source = Source(clocks)
-    source.receiver = Receiver(by_name("nmea"), Settings().gnss, 0, recorded=True)
-    source.send(5, date="070806")
-    assert source.receiver.last_used_fix.date == date(2006, 8, 7)
+IN_2006 = [line(f"GPRMC,12000{k}.00,A,4800.{k:02d},N,01131.0,E,5.0,84.4,070806,,,A") for k in range(5)]
+RECEIVER = GnssConfigured(Identity("nmea", ""))
+
+
+@pytest.mark.parametrize(("port", "day"), [("replay:drive.mcap", (2006, 8, 7)), ("/dev/ttyUSB0", (2026, 3, 23))])
+def test_the_daemon_leaves_a_recording_its_dates(port, day):
+    settings = Settings(ports=(f"{port}:nmea",))
+    with contextlib.closing(FastLoop()) as fast_loop, Recordings(settings) as recordings:
+        devices = Devices(settings, True, fast_loop, recordings, ContainedErrors())
+        devices.connected(devices.ports[0], by_name("nmea"), RECEIVER)
+        receiver = devices.in_use.gnss.sensor
+        for k, sentence in enumerate(IN_2006):
+            receiver.feed(sentence, (100 + k) * SECOND)
+        assert receiver.last_used_fix.date == date(*day)
+
+
+def test_a_replay_leaves_a_recording_its_dates(tmp_path):
+    path, days = tmp_path / "drive.mcap", []
+    file = RecordingFile(path, {"version": "0", "session": "drive"}, b"{}", 0)
+    connection = Connection(99 * SECOND, 0, "/dev/ttyUSB0", True, "gnss", "nmea", to_builtins(RECEIVER))
+    file.write("/connections", 99 * SECOND, msgspec.json.encode(connection))
+    for k, sentence in enumerate(IN_2006):
+        raw = Raw((100 + k) * SECOND, sentence)
+        file.write(READS, raw.t_ns, Reads.of([(0, raw)]).encode())
+    file.finish()
+    recording, adapt = Recording([path]), adapter(None, (), None)
+    handlers = Handlers(fix=lambda _: days.append(player.reported and player.reported.date))
+    player = Player(recording.settings(adapt), adapt, Initial(), handlers)
+    for entry in recording:
+        player.take(entry)
+    assert set(filter(None, days)) == {date(2006, 8, 7)}
 
 
 @pytest.mark.parametrize("ahead_s", [-5 * 3600.0, -400 * 86_400.0, -56 * YEAR_S])

@@ -14,7 +14,7 @@ import pytest
 
 from imud.drivers.fix import Fix
 from imud.errors import CannotCreateError
-from imud.outputs.chrony import KEY, ChronyOutput, utc_ns
+from imud.outputs.chrony import KEY, ChronyOutput
 
 # struct shmTime as ntpd's refclock_shm.c declares it
 READER = r"""
@@ -127,11 +127,43 @@ def test_a_receiver_whose_date_jumps_from_fix_to_fix_gives_no_time(unit, reader)
     output.close()
 
 
+@pytest.mark.parametrize("ahead_s", [0.0, -5 * 3600.0, -400 * 86_400.0, -56 * 365 * 86_400.0])
+@pytest.mark.parametrize("hz", [2, 3, 10])
+def test_fixes_without_a_date_do_not_give_the_day_of_the_clock_that_is_to_be_set(
+    unit, reader, monkeypatch, hz, ahead_s
+):
+    output, mono_ns = ChronyOutput(unit), time.monotonic_ns()
+    monkeypatch.setattr(time, "monotonic_ns", lambda: mono_ns)
+    monkeypatch.setattr(time, "time_ns", lambda: round((NOON_S + ahead_s) * 1e9))
+    shown_s, counts = set(), set()
+    for k in range(1, 4 * hz):
+        dated = FIX.date if k % hz == 0 else None  # GGA first, then RMC once a second
+        arrival_ns = mono_ns + round(k / hz * 1e9)
+        output.publish(FIX._replace(utc_s=43_200.0 + k / hz, date=dated, arrival_ns=arrival_ns), LATENCY_S)
+        _, _, count, valid, clock_s, *_ = reader()
+        shown_s |= {clock_s} if valid else set()
+        counts.add(count)
+    assert shown_s == {NOON_S + 1, NOON_S + 2, NOON_S + 3}
+    assert max(counts) == 6
+    output.close()
+
+
+def test_of_a_receiver_that_sends_no_date_the_day_is_the_nearest(unit, reader):
+    output, start_ns = ChronyOutput(unit), time.monotonic_ns()
+    of_day_s = (time.time_ns() % 86_400_000_000_000) * 1e-9
+    for k in range(13):
+        fix = FIX._replace(utc_s=(of_day_s + k) % 86_400.0, date=None, arrival_ns=start_ns + k * 1_000_000_000)
+        output.publish(fix, LATENCY_S)
+    _, _, count, valid, clock_s, _, _, receive_s, *_ = reader()
+    assert (count, valid) == (6, 1)  # those of 10, 11 and 12 s
+    assert abs(clock_s - receive_s) <= 1
+    output.close()
+
+
 @pytest.mark.parametrize(
     ("utc_s", "day", "now", "expected"),
     [
         (1.5, date(2026, 5, 4), (2020, 1, 1, 0, 0, 0), (2026, 5, 4, 0, 0, 1.5)),  # the date is believed
-        (1.5, date(2006, 9, 18), (2026, 5, 4, 0, 0, 0), (2026, 5, 4, 0, 0, 1.5)),  # but not of 1024 weeks ago
         (86_399.0, None, (2026, 5, 4, 0, 0, 2), (2026, 5, 3, 23, 59, 59)),  # the day that is nearest
         (1.0, None, (2026, 5, 3, 23, 59, 58), (2026, 5, 4, 0, 0, 1)),
         (43_000.0, None, (2026, 5, 4, 12, 0, 0), (2026, 5, 4, 11, 56, 40)),
@@ -139,7 +171,7 @@ def test_a_receiver_whose_date_jumps_from_fix_to_fix_gives_no_time(unit, reader)
 )
 def test_the_day_of_a_fix(utc_s, day, now, expected):
     *whole, second = expected
-    epoch_ns = utc_ns(FIX._replace(utc_s=utc_s, date=day), calendar.timegm(now) * 1_000_000_000)
+    epoch_ns = FIX._replace(utc_s=utc_s, date=day).utc_ns(calendar.timegm(now) * 1_000_000_000)
     assert epoch_ns == calendar.timegm((*whole, 0)) * 1_000_000_000 + round(second * 1e9)
 
 

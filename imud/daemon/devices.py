@@ -22,6 +22,7 @@ from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
 from ..recording.control import Recordings
+from ..recording.ports import SCHEME
 from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
@@ -240,7 +241,8 @@ class Devices:
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
             gnss, aiding = self._settings.gnss, self._settings.aiding
-            receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud)
+            recorded = port.spec.path.startswith(SCHEME)
+            receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud, recorded=recorded)
             self.in_use.gnss = InUse(port, receiver)
             self._routes.record(port, receiver, now_ns)
         self._schedule_spares(driver.kind, math.inf)

@@ -21,7 +21,7 @@ _DAY_S = 86_400.0
 
 
 class Publisher:
-    """Has no state but counters. All times are monotonic nanoseconds; not thread-safe."""
+    """All times are monotonic nanoseconds; not thread-safe."""
 
     def __init__(
         self, devices: Devices, recordings: Recordings, outputs: Outputs, health: Callable[[int], Health], utc: Utc

@@ -31,8 +31,8 @@ _LEVER_ARM_UNSET = (
     "set navigation.lever_arm_m, [0, 0, 0] if the antenna is at the sensor"
 )
 _CLOCK_DIFFERS = (
-    "the receiver's time and this machine's clock differ by more than a second: gpsd's clients and NMEA get the "
-    "receiver's, the binary stream and recordings the machine's"
+    "the receiver's time and this machine's clock differ by more than a second: above half a minute gpsd's clients "
+    "and NMEA get the receiver's; the binary stream and recordings always have the machine's"
 )
 
 

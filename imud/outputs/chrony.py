@@ -15,7 +15,6 @@ import math
 import os
 import struct
 import time
-from datetime import date
 
 from imud.drivers.fix import Fix
 
@@ -24,13 +23,10 @@ from ..errors import CannotCreateError, PermissionDeniedError
 KEY = 0x4E545030
 _IPC_CREAT, _IPC_STAT = 0o1000, 2
 _OTHERS_WRITE = 0o002
-_DAY_S = 86_400
-_ROLLOVER_PERIOD_S = 1024 * 7 * 86_400
-_EPOCH = date(1970, 1, 1)
-_LAST_ROLLOVER_S = (date(2019, 4, 7) - _EPOCH).days * _DAY_S
 _NS = 1_000_000_000
 _JITTER_GAIN = 1.0 / 16.0  # of one sample in the jitter
 _COARSE, _FINE = 0, -10  # precision, log2 s
+_UNDATED_NS = 10 * _NS  # without a date for so long, the receiver sends none: RMC or ZDA come more often
 _STEP_S = 1.0  # a change of the offset between two fixes that is no jitter
 
 
@@ -63,22 +59,6 @@ def _libc() -> ctypes.CDLL:
     return libc
 
 
-def utc_ns(fix: Fix, now_ns: int) -> int | None:
-    """The fix's epoch as unix time, ns; without a date on the day that is nearest to `now_ns`.
-
-    GPS's week number rolls over after 1024 weeks, last in 2019: receivers that ignore it report earlier dates.
-    """
-    if fix.utc_s is None:
-        return None
-    if fix.date is not None:
-        day_s = (fix.date - _EPOCH).days * _DAY_S
-        while day_s < _LAST_ROLLOVER_S:
-            day_s += _ROLLOVER_PERIOD_S
-    else:
-        day_s = round((now_ns * 1e-9 - fix.utc_s) / _DAY_S) * _DAY_S
-    return day_s * _NS + round(fix.utc_s * 1e9)
-
-
 class ChronyOutput:
     """The writer of one unit. Never waits; not thread-safe."""
 
@@ -89,6 +69,7 @@ class ChronyOutput:
         Raises CannotCreateError (73), PermissionDeniedError (77).
         """
         self._offset_s: float | None = None
+        self._dated_ns: int | None = None  # arrival of the last fix with a date, at first of the first fix
         self._jitter_s = 1.0
         self._libc = _libc()
         before = os.umask(0)
@@ -114,12 +95,15 @@ class ChronyOutput:
         """Publish the time of a fix; its epoch is `latency_s` before its arrival.
 
         One by which a clock has been set since the fix before, this machine's or the receiver's, is not published:
-        a receiver whose date jumps from fix to fix gives none.
+        a receiver whose date jumps from fix to fix gives none. Of a receiver that sends dates only fixes with a date
+        are published: without one the day is that of the clock which is to be set.
         """
         system_less_monotonic_ns = time.time_ns() - time.monotonic_ns()
         receive_ns = fix.arrival_ns - round(latency_s * 1e9) + system_less_monotonic_ns
-        clock_ns = utc_ns(fix, receive_ns)
-        if clock_ns is None:
+        clock_ns = fix.utc_ns(receive_ns)
+        if self._dated_ns is None or fix.date is not None:
+            self._dated_ns = fix.arrival_ns
+        if clock_ns is None or (fix.date is None and fix.arrival_ns - self._dated_ns < _UNDATED_NS):
             return
         before_s, self._offset_s = self._offset_s, (clock_ns - receive_ns) * 1e-9
         change_s = None if before_s is None else abs(self._offset_s - before_s)

@@ -227,7 +227,7 @@ class Player:
         else:
             gnss, aiding, configured = self._settings.gnss, self._settings.aiding, connection.gnss()
             self._ports[port] = Receiver(
-                driver, gnss, connection.t_ns, self._pulse, aiding, configured.positions, configured.identity.baud
+                driver, gnss, connection.t_ns, self._pulse, aiding, configured.positions, configured.identity.baud, True
             )
 
     def _change(self, settings: Settings) -> None:

@@ -10,6 +10,7 @@ from imud.drivers.fix import Fix, Reading
 from imud.drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
+from ..clocks.week_rollover import without_rollover
 from ..configuration.settings import Aiding as AidingSettings
 from ..configuration.settings import Gnss as GnssSettings
 from ..estimators.aiding_source import AidingSource, ImpossibleValueError
@@ -69,9 +70,13 @@ class Receiver:
         aiding: AidingSettings = _NO_AIDING,
         positions: bool = True,
         baud: int = 0,
+        recorded: bool = False,
     ) -> None:
-        """positions: it sends any. Fixes of one that does not are not used. baud: of its line; 0: it has none."""
-        self.positions, self.aiding = positions, aiding
+        """positions: it sends any. Fixes of one that does not are not used. baud: of its line; 0: it has none.
+
+        recorded: its bytes are of a recording, whose dates stay as they are.
+        """
+        self.positions, self.aiding, self._recorded = positions, aiding, recorded
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
         self._readings = self.decoder if isinstance(self.decoder, ReadingDecoder) else None
@@ -133,7 +138,8 @@ class Receiver:
 
     def _accepted(self, fixes: list[Fix], now_ns: int, pulse_ns: int | None) -> list[Records]:
         rows = []
-        for fix in fixes if self.positions else ():
+        for reported in fixes if self.positions else ():
+            fix = reported if self._recorded else without_rollover(reported)
             if self._last and jumps(self._last, fix):
                 self._jumped_ns = now_ns
             self._backward_count = self._backward_count + 1 if self._last and runs_backward(self._last, fix) else 0

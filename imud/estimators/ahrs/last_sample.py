@@ -21,12 +21,19 @@ def store_sample(s: State, w: Vector, f: Vector) -> None:
 
 
 @kernel
+def forget_period(s: State) -> None:
+    """After a gap there is no period to compare with."""
+    s.imu.last_dt = s.imu.dt_change = 0.0
+
+
+@kernel
 def store_first_sample(s: State, w: Vector, f: Vector) -> None:
     """Make w and f the newest sample, without a sample before: at the start, or after a long gap."""
     store_sample(s, w, f)
     for i in range(3):
         s.imu.f_change[i] = 0.0
     s.imu.outage_s = 0.0
+    forget_period(s)
 
 
 @kernel
@@ -73,12 +80,6 @@ def turn_in_stamp_error(s: State) -> float:
     """By how much the body turns in the error of a stamp, rad: the attitude is that of another time than stated."""
     w = s.imu.w
     return math.sqrt(stamp_variance(s) * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
-
-
-@kernel
-def forget_period(s: State) -> None:
-    """After a gap there is no period to compare with."""
-    s.imu.last_dt = s.imu.dt_change = 0.0
 
 
 @kernel

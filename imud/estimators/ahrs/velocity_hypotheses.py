@@ -21,7 +21,8 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
 from .attitude_step import is_undecided
-from .error_model import couple_yaw_to_bias, replace_variance, variance
+from .error_model import add_variance, couple_yaw_to_bias, replace_variance, variance
+from .history import record_yaw_corrected
 from .hypothesis_filters import (
     BIAS,
     HANDS,
@@ -55,7 +56,15 @@ def start_hypotheses(p: Parameters, s: State) -> None:
     for h in range(HYPOTHESES):
         b.log_likelihood[h] = p.tuning.hypothesis_hand_odds if h < HANDS else 0.0
         b.log_weight[h] = 0.0
+    drop_yaw_correction(s)
     restart_interval(s)
+
+
+@kernel
+def drop_yaw_correction(s: State) -> None:
+    """The correction that the hypotheses left is not made: the yaw may be wrong by as much."""
+    add_variance(s, ATTITUDE + 2, s.hypotheses.yaw_correction**2)
+    s.hypotheses.yaw_correction = 0.0
 
 
 @kernel
@@ -205,8 +214,11 @@ def tilt_error_of_others(s: State) -> float:
 @kernel
 def correct_yaw(s: State) -> None:
     """At rest: the correction that the hypotheses left."""
+    if s.hypotheses.yaw_correction == 0.0:
+        return
     s.scratch.x[ATTITUDE + 2] += s.hypotheses.yaw_correction
     s.hypotheses.yaw_correction = 0.0
+    record_yaw_corrected(s)
 
 
 @kernel

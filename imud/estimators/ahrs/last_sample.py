@@ -56,13 +56,26 @@ def update_force_change(s: State, f: Vector) -> float:
 
 
 @kernel
+def is_whole_multiple(period: float, shorter: float) -> bool:
+    """Is it twice the shorter one, three times or more? By hundredths: stamps that are right are that good."""
+    if not 0.0 < 1.5 * shorter < period:
+        return False
+    return bool(abs(period - math.floor(period / shorter + 0.5) * shorter) < 0.01 * shorter)
+
+
+@kernel
 def update_stamp_variance(s: State, dt: float, share: float) -> None:
     """The newest period, dt, is so much of the mean: minus the covariance of one period with the next.
 
     Of even samples whose stamps have errors, a period that is too long makes the next one too short. Where samples are
-    uneven and their stamps right, it does not.
+    uneven and their stamps right, it does not, unless long and short periods alternate: of them only those do not
+    count that are whole multiples of each other, as where every third sample is lost.
     """
     imu = s.imu
+    if is_whole_multiple(dt, imu.last_dt):
+        dt = imu.last_dt
+    elif is_whole_multiple(imu.last_dt, dt):
+        imu.last_dt = dt
     change = dt - imu.last_dt if imu.last_dt > 0.0 else 0.0
     covariance = change * imu.dt_change + 0.5 * change * change  # whatever the mean period is
     imu.dt_covariance += share * (covariance - imu.dt_covariance)

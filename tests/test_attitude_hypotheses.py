@@ -162,7 +162,7 @@ def test_the_yaw_follows_the_gyro_bias_that_has_turned_it():
 
 def test_the_yaw_is_as_uncertain_as_the_vertical_was_while_the_bias_turned_it():
     """Of many tilts as the hypotheses have them: the vertical part of a bias that turns the body for `times`."""
-    p, s = begun()
+    _, s = begun()
     b, times, bias, sigma = s.hypotheses, np.array([-20.0, 3.0, -7.0]), np.array([1e-3, 2e-3, -3e-3]), 0.1
     b.mean[2:5] = bias
     b.covariance[0, 0] = b.covariance[1, 1] = sigma**2
@@ -231,13 +231,13 @@ def landed(seed, smoothed=False):
 
 
 def test_after_a_flight_entered_under_way_the_yaw_is_as_good_as_stated():
-    """NEES 4.6 if the correction by the gyro bias is taken as exact."""
+    """NEES 5.1 if the correction by the gyro bias is taken as exact."""
     yaw, sigma = np.array([[run[-1] for run in landed(seed)] for seed in range(20)]).T
     assert np.mean((yaw / sigma) ** 2) < 2.0
 
 
 @pytest.mark.parametrize("seed", [1, 2, 5])
 def test_smoothing_carries_the_correction_of_the_yaw_back_over_the_first_rest(seed):
-    """Without: up to 18 sigmas before the rest is found."""
+    """Without: up to 18 sigmas at the begin of the rest, before it is found."""
     yaw, sigma = landed(seed, smoothed=True)
     assert np.all(np.abs(yaw) < 4.0 * sigma)

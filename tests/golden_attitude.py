@@ -66,6 +66,20 @@ def start_in_a_steady_turn():
 
 
 @golden("attitude")
+def steady_turn_before_the_first_rest():
+    """The same roundabout, left after half a minute; of all samples every third one is lost."""
+
+    def rates(t):
+        return (wobble(1, 0.1)(t) + np.array([0.0, 0.0, 0.8])) * (t < 30.0)[:, None]
+
+    def centripetal(t):
+        return 2.0 * np.column_stack([-np.sin(0.8 * t), np.cos(0.8 * t), 0.0 * t]) * (t < 30.0)[:, None]
+
+    samples = shown(simulate(50.0, 150.0, rates, centripetal))
+    return judged(samples[np.arange(len(samples)) % 3 != 1])
+
+
+@golden("attitude")
 def start_with_strong_forces():
     """The first forces are far from gravity."""
     truth = lively(30.0, still=-1.0)

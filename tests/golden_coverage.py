@@ -53,7 +53,7 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "record_age": "as above",
     "record_restart": "as above",
     "record_wrong_tilt": "as above",
-    "record_possible_tilt": "as above",
+    "record_hypotheses": "as above",
     "weigh_lever_arm: g.lever_arm_is_measured[i] = 0": "another fault: tests/test_navigation_lever_arm.py",
     "weigh_lever_arm: g.lever_arm_inflation[i] = 0.0": "as above",
     "weigh_lever_arm: continue": "as above",

@@ -3,19 +3,23 @@
 import numpy as np
 import pytest
 from attitude_monte_carlo import ACCEL_BIAS, sensor
-from attitude_runs import Fields, tilt_variance_deg2
-from attitude_simulation import Truth, errors_deg, measure
+from attitude_runs import Fields, tilt_variance_deg2, yaw_sigma_deg
+from attitude_simulation import G, Truth, errors_deg, measure
 from broad import samples_of, solutions_of
+from replay_in_process import new_filter, replay, smoothed_solutions
+from scipy.spatial.transform import Rotation
 from vehicle_simulation import RATE, ahead, levels, smooth, way
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ahrs import hypothesis_filters
+from imud.estimators.ahrs.power_on import reset_biases
 from imud.estimators.ahrs.setup import configure, start
 from imud.estimators.ahrs.state import ATTITUDE, GYRO_BIAS, HYPOTHESES, STATES
 from imud.estimators.ahrs.velocity_hypotheses import (
     HANDS,
     correct_yaw,
+    correction_variance,
     follow_hypotheses,
     measure_hypotheses,
     mix_hypotheses,
@@ -156,6 +160,31 @@ def test_the_yaw_follows_the_gyro_bias_that_has_turned_it():
         assert s.cov.P[at(yaw, GYRO_BIAS + i)] == pytest.approx(slope[i] * after[i])
 
 
+def test_the_yaw_is_as_uncertain_as_the_vertical_was_while_the_bias_turned_it():
+    """Of many tilts as the hypotheses have them: the vertical part of a bias that turns the body for `times`."""
+    _, s = begun()
+    b, times, bias, sigma = s.hypotheses, np.array([-20.0, 3.0, -7.0]), np.array([1e-3, 2e-3, -3e-3]), 0.1
+    b.mean[2:5] = bias
+    b.covariance[0, 0] = b.covariance[1, 1] = sigma**2
+    rng, down = np.random.default_rng(5), times / np.linalg.norm(times)
+    tilts = rng.normal(0.0, sigma, (20000, 3))
+    tilts -= np.outer(tilts @ down, down)  # about level axes
+    expected = np.var(np.cross(tilts, times) @ bias)
+    found = interpreted(correction_variance)(s, tuple(times))
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_a_correction_of_the_yaw_by_old_biases_is_not_made_after_a_power_on():
+    p, s = begun()
+    yaw = interpreted(packed_index)(STATES, ATTITUDE + 2, ATTITUDE + 2)
+    for restart in (reset_biases, start_hypotheses):
+        before, s.hypotheses.yaw_correction = s.cov.P[yaw], 0.3
+        interpreted(restart)(p, s)
+        interpreted(correct_yaw)(s)
+        assert s.scratch.x[ATTITUDE + 2] == 0.0
+        assert s.cov.P[yaw] == pytest.approx(before + 0.3**2)  # it may be wrong by as much
+
+
 def plane(seed, seconds):
     """A small aircraft under way: coordinated turns, climbs."""
     rng, t = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
@@ -182,3 +211,33 @@ def test_a_flight_entered_under_way_is_levelled_by_the_hypotheses():
     """Without their correction: 17.8 deg, NEES 6.7, valid for 61 % of the time."""
     tilt, nees, valid = np.array([entered(plane(seed, 80.0), seed) for seed in range(6)]).mean(axis=0)
     assert tilt < 10.0 and nees < 4.0 and valid > 0.9
+
+
+def landed(seed, smoothed=False):
+    """(errors of the yaw less the first one, their sigmas), deg, in a minute at rest after such a minute of flight."""
+    drive, rng, moving, resting = plane(seed, 80.0), np.random.default_rng([seed, 7]), 60 * RATE, 60 * RATE
+    flaws = sensor(rng, next(iter(ACCEL_BIAS)))
+    shaken = rng.normal(size=(2, moving, 3)) * [[[0.006]], [[0.3]]]
+    last = drive.attitude[-1]
+    attitude = Rotation.concatenate([drive.attitude[-moving:], *[last] * resting])
+    w = np.vstack([drive.w[-moving:] + shaken[0], np.zeros((resting, 3))])
+    f = np.vstack([drive.f[-moving:] + shaken[1], np.tile(last.inv().apply([0.0, 0.0, -G]), (resting, 1))])
+    truth = Truth(np.arange(moving + resting) / RATE, attitude, w, f)
+    samples = samples_of(truth.t, *measure(truth, flaws, rng))
+    filter_ = new_filter("attitude", samples)
+    out = smoothed_solutions(filter_, samples) if smoothed else replay(filter_, samples)[0]
+    yaw = errors_deg(out["q_nb"], truth.attitude)[1]
+    return ((yaw - yaw[0] + 180.0) % 360.0 - 180.0)[moving:], yaw_sigma_deg(out)[moving:]
+
+
+def test_after_a_flight_entered_under_way_the_yaw_is_as_good_as_stated():
+    """NEES 5.1 if the correction by the gyro bias is taken as exact."""
+    yaw, sigma = np.array([[run[-1] for run in landed(seed)] for seed in range(20)]).T
+    assert np.mean((yaw / sigma) ** 2) < 2.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_smoothing_carries_the_correction_of_the_yaw_back_over_the_first_rest(seed):
+    """Without: up to 18 sigmas at the begin of the rest, before it is found."""
+    yaw, sigma = landed(seed, smoothed=True)
+    assert np.all(np.abs(yaw) < 4.0 * sigma)

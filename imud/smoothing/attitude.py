@@ -1,6 +1,7 @@
 """Smoothing of the attitude filter: `smooth_attitude`.
 
-What the filter forgets about the tilt although the body did not turn is carried back as it is: over coarse levelling,
+What the filter corrects of the yaw at the first rest was known earlier: it is corrected from then on (`_left_yaw`).
+What it forgets about the tilt although the body did not turn is carried back as it is: over coarse levelling,
 and over the time in which the tilt was wrong before the filter noticed it.
 """
 
@@ -16,7 +17,7 @@ from ..math.rotation import GIMBAL_LOCK_SINE
 from ..pipeline import Filter
 from .fixed_interval import smoothed_estimates
 from .intervals import INTERVAL, record_intervals
-from .reversal import BLOCK
+from .reversal import BLOCK, matrices
 from .rows import Rows
 
 _MISALIGNMENT = (
@@ -56,11 +57,16 @@ def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records]
 def _errors(intervals: Records, estimates: Records) -> Records:
     """ERROR of each interval."""
     errors, history = np.zeros(len(intervals), ERROR), intervals["history"]
-    errors["turn"] = _quaternions(estimates["x"][:, :3])
-    errors["var"] = estimates["attitude_var"].reshape(-1, 3, 3)
+    yaw = _about_down(_left_yaw(history))  # the errors are counted in axes that turn with the yaw
+    yaw_before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], yaw[:-1]])
+    to_corrected = matrices(yaw)
+    errors["turn"] = _quaternions(np.einsum("nij,nj->ni", to_corrected, estimates["x"][:, :3]))
+    var = estimates["attitude_var"].reshape(-1, 3, 3)
+    errors["var"] = to_corrected @ var @ np.swapaxes(to_corrected, 1, 2)
     errors["bg"], errors["ba"] = estimates["x"][:, 3:6], estimates["x"][:, 6:]
     errors["bias_var"] = estimates["bias_var"]
-    corrections = _products(intervals["q_nb"], history["q_before"] * [1.0, -1.0, -1.0, -1.0])
+    q, q_before = _products(yaw, intervals["q_nb"]), _products(yaw_before, history["q_before"])
+    corrections = _products(q, q_before * [1.0, -1.0, -1.0, -1.0])
     for k in reversed(range(1, len(intervals))):  # back over what was carried
         errors["turn_before"][k] = _products(errors["turn"][k], corrections[k])
         if history["coarse"][k]:
@@ -71,7 +77,18 @@ def _errors(intervals: Records, estimates: Records) -> Records:
         for k in range(end, int(np.searchsorted(intervals["t_ns"], begin_ns)), -1):
             errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
             errors["turn_before"][k - 1] = _products(errors["turn"][k - 1], corrections[k - 1])
+    errors["turn"] = _products(errors["turn"], yaw)
+    errors["turn_before"] = _products(errors["turn_before"], yaw_before)
     return errors
+
+
+def _left_yaw(history: Records) -> Floats:
+    """What the filter had left of the yaw's correction at the end of each interval and made at the first rest, rad."""
+    yaw, made = np.zeros(len(history)), False
+    for k in reversed(range(1, len(history))):
+        made = bool(history["yaw_corrected"][k]) or (made and history["left_yaw"][k] != 0.0)
+        yaw[k - 1] = history["left_yaw"][k] if made else 0.0
+    return yaw
 
 
 def _limit_tilt_confidence(intervals: Records, errors: Records) -> None:
@@ -143,6 +160,12 @@ def _quaternions(rotations: Floats) -> Floats:
     """Of rotation vectors [n, 3]."""
     angle = np.linalg.norm(rotations, axis=1)[:, None]
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * rotations], axis=1)
+
+
+def _about_down(angles: Floats) -> Floats:
+    """Quaternions of turns about the vertical, rad."""
+    zero = np.zeros(len(angles))
+    return np.stack([np.cos(0.5 * angles), zero, zero, np.sin(0.5 * angles)], axis=1)
 
 
 def _products(a: Floats, b: Floats) -> Floats:

@@ -13,7 +13,7 @@ from .clipping import compensate_clipping
 from .divergence import tilt_is_lost
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
-from .history import record_possible_tilt
+from .history import record_hypotheses
 from .integrals import reset_integrals
 from .last_sample import forget_period, set_outage, store_sample, update_mean_square_rate
 from .levelling import (
@@ -137,7 +137,7 @@ def update_covariance(p: Parameters, s: State) -> None:
         restart_variance_factor(s)
     elif s.levelling.initialised == 1:
         update_hypotheses(p, s)
-        record_possible_tilt(s)
+        record_hypotheses(s)
         fuse_pseudo_measurements(p, s)
         update_variance_factor(p, s)
         rotate_gain(s, s.scratch.x[ATTITUDE], s.scratch.x[ATTITUDE + 1], s.scratch.x[ATTITUDE + 2])

@@ -88,7 +88,14 @@ def record_wrong_tilt(s: State, seconds: float) -> None:
 
 
 @kernel
-def record_possible_tilt(s: State) -> None:
-    """What the hypotheses of how the body moves say of the tilt error."""
+def record_yaw_corrected(s: State) -> None:
+    """The correction of the yaw that was left for the first rest is made."""
+    s.history.yaw_corrected = s.history.enabled
+
+
+@kernel
+def record_hypotheses(s: State) -> None:
+    """What the hypotheses of how the body moves say of the tilt error, and what they have left of the yaw."""
     if s.history.enabled == 1:
+        s.history.left_yaw = s.hypotheses.yaw_correction
         s.history.possible_tilt_var = s.hypotheses.possible_tilt_error**2

@@ -14,6 +14,7 @@ from .last_sample import subtract_biases
 from .mechanization import clear_biases
 from .state import ACCEL_BIAS, GYRO_BIAS
 from .stationarity import reset_rest
+from .velocity_hypotheses import drop_yaw_correction
 
 if TYPE_CHECKING:
     from .types import Parameters, State
@@ -27,4 +28,5 @@ def reset_biases(p: Parameters, s: State) -> None:
     for i in range(3):
         reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
         reset_variance(s, ACCEL_BIAS + i, p.accel_bias_var)
+    drop_yaw_correction(s)
     reset_rest(s)

@@ -285,6 +285,8 @@ HISTORY = np.dtype(  # what became of the errors in one covariance interval, for
         ("restart_ns", "<i8"),  # when roll and pitch were initialised anew; 0: they were not
         ("possible_tilt_var", "<f8"),  # rad^2, by which the tilt may be wrong before the first rest
         ("wrong_tilt_s", "<f8"),  # for how long the tilt that has been levelled was wrong; 0: it was not
+        ("left_yaw", "<f8"),  # rad, correction of the yaw that was left for the first rest until this interval
+        ("yaw_corrected", "<i8"),  # 1: and was made in it
         ("q_before", "<f8", (4,)),  # the attitude before the interval's corrections
         ("time", "<f8"),  # the integrals that make the transition
         ("c", "<f8", (9,)),

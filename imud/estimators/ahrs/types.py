@@ -343,6 +343,8 @@ class History:
     restart_ns: int
     possible_tilt_var: float
     wrong_tilt_s: float
+    left_yaw: float
+    yaw_corrected: int
     q_before: Reals
     time: float
     c: Reals

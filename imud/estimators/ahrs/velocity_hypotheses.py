@@ -21,7 +21,8 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.kalman import packed_index
 from .attitude_step import is_undecided
-from .error_model import couple_yaw_to_bias, replace_variance, variance
+from .error_model import add_variance, couple_yaw_to_bias, replace_variance, variance
+from .history import record_yaw_corrected
 from .hypothesis_filters import (
     BIAS,
     HANDS,
@@ -55,7 +56,15 @@ def start_hypotheses(p: Parameters, s: State) -> None:
     for h in range(HYPOTHESES):
         b.log_likelihood[h] = p.tuning.hypothesis_hand_odds if h < HANDS else 0.0
         b.log_weight[h] = 0.0
+    drop_yaw_correction(s)
     restart_interval(s)
+
+
+@kernel
+def drop_yaw_correction(s: State) -> None:
+    """The correction that the hypotheses left is not made: the yaw may be wrong by as much."""
+    add_variance(s, ATTITUDE + 2, s.hypotheses.yaw_correction**2)
+    s.hypotheses.yaw_correction = 0.0
 
 
 @kernel
@@ -205,8 +214,11 @@ def tilt_error_of_others(s: State) -> float:
 @kernel
 def correct_yaw(s: State) -> None:
     """At rest: the correction that the hypotheses left."""
+    if s.hypotheses.yaw_correction == 0.0:
+        return
     s.scratch.x[ATTITUDE + 2] += s.hypotheses.yaw_correction
     s.hypotheses.yaw_correction = 0.0
+    record_yaw_corrected(s)
 
 
 @kernel
@@ -227,6 +239,20 @@ def yaw_by_bias(s: State) -> Vector:
 
 
 @kernel
+def correction_variance(s: State, by_bias: Vector) -> float:
+    """Of the yaw's correction, rad^2: the tilt, as wrong as is found now, has turned the vertical part of the bias."""
+    b, x = s.hypotheses, s.hypotheses.mean
+    tilt2 = 0.0
+    for i in range(2):
+        tilt2 += 0.5 * (x[TILT + i] ** 2 + b.covariance[TILT + i, TILT + i])
+    across2 = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        across2 += (by_bias[j] * x[BIAS + k] - by_bias[k] * x[BIAS + j]) ** 2
+    return tilt2 * across2
+
+
+@kernel
 def follow_hypotheses(p: Parameters, s: State) -> None:
     """The mixture of the hypotheses becomes the filter's tilt, gyro bias and velocity.
 
@@ -242,6 +268,7 @@ def follow_hypotheses(p: Parameters, s: State) -> None:
     by_bias = yaw_by_bias(s)
     for i in range(3):
         b.yaw_correction += by_bias[i] * b.mean[BIAS + i]
+    add_variance(s, ATTITUDE + 2, correction_variance(s, by_bias))
     couple_yaw_to_bias(s, (-by_bias[0], -by_bias[1], -by_bias[2]))
     for i in range(INTEGRATED):
         state = ATTITUDE + i - TILT if i < BIAS else GYRO_BIAS + i - BIAS

@@ -109,7 +109,7 @@ TUNABLES = (
         0.3,
         "",
         "Share of the learned noise of the attitude that the gyros' vibration does not change.",
-        "Likelihood of recorded drives and flights; 0.1 to 0.5 hardly differ.",
+        "Likelihood of recorded drives and flights; 0.1 and 0.3 hardly differ.",
         high=1.0,
     ),
     Tunable("fresh_fix_s", 2.0, "s", "Age up to which a fix gives the present speed.", "Two fixes of a 1 Hz receiver."),

@@ -55,7 +55,7 @@ from ..state import (
 if TYPE_CHECKING:
     from ..types import Core, Transition
 
-OUTLIER_SHARE = 0.95  # of the energy: two fixes of a step have it in some proportion
+OUTLIER_SHARE = 0.95  # of the energy, in one fix: a fault that lasts spreads it over several
 
 
 @kernel

@@ -139,12 +139,25 @@ def test_a_restart_of_the_program_keeps_what_was_found():
 
 
 def test_the_pair_of_fixes_across_a_change_of_receivers_is_left_out():
-    """Their positions differ by 20 m, which would be noise of a pair."""
+    """By how much their positions differ does not matter then; of one receiver a jump is noise of a pair."""
+
+    def found(metres, flags):
+        fixes = fixes_with(0.0, 12, 1.0)
+        other = len(fixes) // 2
+        fixes["lat"][other:] += metres / 6.371e6
+        fixes["flags"][other] = flags
+        return run(fixes[: other + 30])[3]["velocity_lag"][0]
+
+    same, jumped = found(0.0, NEW_RECEIVER), found(5.0, NEW_RECEIVER)
+    assert jumped["variance"] == pytest.approx(same["variance"], rel=0.1)
+    assert jumped["lag"] == pytest.approx(same["lag"], abs=0.5 * np.sqrt(same["variance"]))
+    assert abs(same["lag"]) < 4.0 * np.sqrt(same["variance"])
+    assert found(5.0, 0)["variance"] > 1.3 * found(0.0, 0)["variance"]
+
+
+def test_a_position_far_off_is_no_noise_of_a_pair():
+    """What no credible lag explains does not count."""
     fixes = fixes_with(0.0, 12, 1.0)
-    other = len(fixes) // 2
-    fixes["lat"][other:] += 20.0 / 6.371e6
-    same = run(fixes.copy()[: other + 30])[3]["velocity_lag"][0]
-    fixes["flags"][other] = NEW_RECEIVER
-    changed = run(fixes[: other + 30])[3]["velocity_lag"][0]
-    assert changed["variance"] < same["variance"]
-    assert abs(changed["lag"]) < 4.0 * np.sqrt(changed["variance"])
+    right = run(fixes.copy())[3]["velocity_lag"][0]["variance"]
+    fixes["lat"][len(fixes) // 2] += 60.0 / 6.371e6
+    assert run(fixes)[3]["velocity_lag"][0]["variance"] < 1.1 * right

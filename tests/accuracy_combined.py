@@ -1,17 +1,19 @@
 """Random combinations of errors on the open recordings: where is the navigation filter wrong and sure, or far off?
 
-    python tests/accuracy_combined.py [--seeds 0-199] [--jobs 2] [--set KEY=VALUE,..]
+    python tests/accuracy_combined.py [--simulated] [--seeds 0-199] [--jobs 2] [--set KEY=VALUE,..]
 
 Each seed draws a recording and its fixes, a part of 200 to 420 s (half of them begin in mid-drive), up to three errors
 of the sensor, up to two of the receiver, and for two runs in five another mounting. One line for each run: seconds
 wrong and sure of position, yaw and tilt, as in `accuracy`; RMS of the horizontal error and 90 % of the stated sigmas
 from a minute on; what was drawn. The runs that are worst come last. Where the mounting is another one, the sigma of
 every angle is the largest of the three; the yaw of cars, which have no reference of it, does not count then.
+With `--simulated` each seed draws one of the vehicles and receivers of `accuracy_simulated` for 160 to 240 s instead.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 from concurrent.futures import ProcessPoolExecutor
 
@@ -27,9 +29,11 @@ from accuracy import (
     solutions,
     yaw_errors,
 )
-from accuracy_simulated import seeds_of
-from navigation_runner import scorer, settings_of, table
+from accuracy_simulated import RATE, RECEIVERS, judged, received, seeds_of, sensed, way
+from navigation_runner import navigate, scorer, settings_of, table
 from scipy.spatial.transform import Rotation
+from simulated_errors import part
+from simulated_vehicles import VEHICLES
 
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 
@@ -183,6 +187,17 @@ SENSOR = (
 RECEIVER = (late, stamps, seldom, outages, no_velocity, digits, slow_errors, multipath, outliers, too_sure)
 
 
+def changed(samples, fixes, rng, most):
+    """FIX rows and the names of up to so many errors of the sensor and two of the receiver that both have now."""
+    of_sensor = [SENSOR[i] for i in rng.choice(len(SENSOR), rng.integers(0, most + 1), replace=False)]
+    of_receiver = [RECEIVER[i] for i in rng.choice(len(RECEIVER), rng.integers(0, 3), replace=False)]
+    for change in of_sensor:
+        change(samples, rng)
+    for change in of_receiver:
+        fixes = change(fixes, rng)
+    return fixes, ", ".join(x.__name__ for x in of_sensor + of_receiver)
+
+
 def drawn(rng):
     """(SAMPLE rows, FIX rows, truth, meta, what was drawn as text) of one run, before another mounting."""
     name = list(FIXES)[rng.integers(len(FIXES))]
@@ -195,15 +210,8 @@ def drawn(rng):
         rows[(rows["t_ns"] >= 1e9 * begin) & (rows["t_ns"] < 1e9 * (begin + length))].copy()
         for rows in (samples, fixes)
     )
-    of_sensor = [SENSOR[i] for i in rng.choice(len(SENSOR), rng.integers(0, 4), replace=False)]
-    of_receiver = [RECEIVER[i] for i in rng.choice(len(RECEIVER), rng.integers(0, 3), replace=False)]
-    for change in of_sensor:
-        change(samples, rng)
-    for change in of_receiver:
-        fixes = change(fixes, rng)
-    text = f"{name} {grade} {begin - first:.0f}+{length:.0f} s " + ", ".join(
-        x.__name__ for x in of_sensor + of_receiver
-    )
+    fixes, names = changed(samples, fixes, rng, 3)
+    text = f"{name} {grade} {begin - first:.0f}+{length:.0f} s {names}"
     return samples, fixes, truth, meta, text
 
 
@@ -248,15 +256,47 @@ def run(seed, tuning):
     return np.array([row_s[x].sum() for x in wrong]), rms, stated, text
 
 
+def run_simulated(seed, tuning):
+    """The same of a simulated vehicle, whose seed no other table has."""
+    rng = np.random.default_rng([seed, 1])
+    vehicle, receiver = (list(of)[rng.integers(len(of))] for of in (VEHICLES, RECEIVERS))
+    d = way(vehicle, 5000 + seed)
+    vrw, arw = (np.exp(rng.uniform(*np.log(span))) for span in VEHICLES[vehicle][1:])
+    begin_s = 0.0 if rng.random() < 0.5 else rng.uniform(20.0, 80.0)
+    first = int(begin_s * RATE)
+    samples, fixes = sensed(d, rng, vrw, arw)[first:].copy(), received(d, rng, receiver)
+    fixes = fixes[fixes["t_ns"] >= samples["t_ns"][0]].copy()
+    d = part(d, slice(first, None))
+    d = dataclasses.replace(d, t=d.t - d.t[0])
+    fixes, names = changed(samples, fixes, rng, 2)
+    mount = Rotation.random(random_state=seed) if rng.random() < 0.2 else None
+    if mount is not None:
+        names += ", mounted"
+        for name in "wf":
+            samples[name] = mount.inv().apply(samples[name])
+    out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
+    if mount is not None:
+        q = Rotation.from_quat(np.roll(np.nan_to_num(out["q_nb"], nan=0.5), -1, axis=1)) * mount.inv()
+        out["q_nb"] = np.roll(q.as_quat(), 1, axis=1)
+        out["sigma_rpy"] = out["sigma_rpy"].max(axis=1)[:, None]
+    row = judged(d, out, 0)
+    stated = float(np.nanquantile(np.hypot(out["sigma_p"][:, 0], out["sigma_p"][:, 1]), 0.9))
+    wrong = np.array([row[name] for name in ("position s", "yaw s", "tilt s")])
+    return wrong, row["position m"], stated, f"{vehicle} {receiver} from {begin_s:.0f} s {names}"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--simulated", action="store_true", help="simulated vehicles instead of the recordings")
     parser.add_argument("--seeds", type=seeds_of, default=seeds_of("0-199"), metavar="FIRST-LAST")
     parser.add_argument("--set", type=lambda text: text.split(","), default=[], help="tunables: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     a = parser.parse_args()
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     with ProcessPoolExecutor(a.jobs) as pool:
-        rows = list(zip(a.seeds, pool.map(run, a.seeds, [tuning] * len(a.seeds)), strict=True))
+        rows = list(
+            zip(a.seeds, pool.map(run_simulated if a.simulated else run, a.seeds, [tuning] * len(a.seeds)), strict=True)
+        )
     for seed, (wrong, rms, stated, text) in sorted(rows, key=lambda row: (row[1][0].sum(), np.nan_to_num(row[1][1]))):
         print(f"{seed:5d}  wrong {wrong.round(1)} s  rms {rms:.2f} m  stated {stated:.1f} m  {text}")
     print(

@@ -215,6 +215,21 @@ def drawn(rng):
     return samples, fixes, truth, meta, text
 
 
+def remounted(samples, mount):
+    """SAMPLE rows of the same sensor in another mounting."""
+    for name in "wf":
+        samples[name] = mount.inv().apply(samples[name])
+    return samples
+
+
+def in_axes_of_the_body(out, mount):
+    """SOLUTION rows with the attitude of the body again, each of whose angles has the largest of the sigmas."""
+    q = Rotation.from_quat(np.roll(np.nan_to_num(out["q_nb"], nan=0.5), -1, axis=1)) * mount.inv()
+    out["q_nb"] = np.roll(q.as_quat(), 1, axis=1)
+    out["sigma_rpy"] = out["sigma_rpy"].max(axis=1)[:, None]
+    return out
+
+
 def run(seed, tuning):
     """(seconds wrong and sure: position, yaw, tilt; RMS of the position, 90 % of its sigmas, m; what was drawn)."""
     rng = np.random.default_rng(seed)
@@ -223,20 +238,15 @@ def run(seed, tuning):
     arm = np.array(meta["lever_frd"], float)
     if mount is not None:
         text += ", mounted"
-        arm = mount.inv().apply(arm)
-        for name in "wf":
-            samples[name] = mount.inv().apply(samples[name])
+        arm, samples = mount.inv().apply(arm), remounted(samples, mount)
     out = solutions(samples, fixes, settings_of("auto", arm, "auto", tuning, "auto"), False)
-    if mount is not None:  # the axes of the recording again
-        q = Rotation.from_quat(np.roll(np.nan_to_num(out["q_nb"], nan=0.5), -1, axis=1)) * mount.inv()
-        out["q_nb"] = np.roll(q.as_quat(), 1, axis=1)
+    if mount is not None:
+        out = in_axes_of_the_body(out, mount)
     est = table(out)
     if len(est) < 10:
         return np.zeros(3), np.nan, np.nan, text
     t, d, i = scorer().errors(est, truth, meta["lever_frd"] if meta["truth_point"] == "antenna" else None)
     sigma = np.column_stack([np.interp(t, est[:, 0], est[:, k]) for k in range(10, 19)])
-    if mount is not None:
-        sigma[:, 6:9] = sigma[:, 6:9].max(axis=1)[:, None]
     status = out["status"][np.searchsorted(out["t_ns"], (t * 1e9).astype(np.int64), "right") - 1]
     d[:, 8] = yaw_errors(truth, d, i, est, t, status & HEADING_VALID > 0)
     if mount is not None and not np.isfinite(truth[i, 9]).any():
@@ -257,7 +267,7 @@ def run(seed, tuning):
 
 
 def run_simulated(seed, tuning):
-    """The same of a simulated vehicle, whose seed no other table has."""
+    """The same of a simulated vehicle; its way has a seed that no table of `accuracy_simulated` has."""
     rng = np.random.default_rng([seed, 1])
     vehicle, receiver = (list(of)[rng.integers(len(of))] for of in (VEHICLES, RECEIVERS))
     d = way(vehicle, 5000 + seed)
@@ -271,14 +281,10 @@ def run_simulated(seed, tuning):
     fixes, names = changed(samples, fixes, rng, 2)
     mount = Rotation.random(random_state=seed) if rng.random() < 0.2 else None
     if mount is not None:
-        names += ", mounted"
-        for name in "wf":
-            samples[name] = mount.inv().apply(samples[name])
+        names, samples = names + ", mounted", remounted(samples, mount)
     out, _, _ = navigate(samples, fixes, settings_of(tuning=tuning))
     if mount is not None:
-        q = Rotation.from_quat(np.roll(np.nan_to_num(out["q_nb"], nan=0.5), -1, axis=1)) * mount.inv()
-        out["q_nb"] = np.roll(q.as_quat(), 1, axis=1)
-        out["sigma_rpy"] = out["sigma_rpy"].max(axis=1)[:, None]
+        out = in_axes_of_the_body(out, mount)
     row = judged(d, out, 0)
     stated = float(np.nanquantile(np.hypot(out["sigma_p"][:, 0], out["sigma_p"][:, 1]), 0.9))
     wrong = np.array([row[name] for name in ("position s", "yaw s", "tilt s")])

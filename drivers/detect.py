@@ -103,8 +103,8 @@ def detect(
         first = bauds[number % len(bauds)]
         received = yield from _listen(candidates, first)
         found = _recognised(candidates, received, first)
-        if found is not None:
-            found = replace(found, baud=_plausible(found, baud))
+        if found is not None and first not in (baud, last_baud):
+            found = yield from _at_likeliest_speed(candidates, found)
         data = None
         if found is None and len(received) >= DATA_MIN:
             last = UnrecognisedData(received, first, bauds)
@@ -160,13 +160,15 @@ def _native(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
     return _recognised(natives, received, found.baud) or found
 
 
-def _plausible(found: Found, named: int | None) -> int:
-    """The baud rate of a line on which a device was recognised by the first listening.
-
-    A pseudo-terminal carries data at any baud rate: then the driver's likeliest one is taken.
+def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
+    """The device that was recognised at a speed that its driver does not know: at the driver's likeliest one, if it is
+    recognised there, too. Then the line has no speed, as a pseudo-terminal.
     """
     bauds = by_name(found.driver).bauds
-    return found.baud if named or found.baud in bauds else bauds[0]
+    if found.baud in bauds:
+        return found
+    received = yield from _listen(candidates, bauds[0])
+    return _recognised(candidates, received, bauds[0]) or found
 
 
 def _listen(candidates: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:

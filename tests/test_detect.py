@@ -106,7 +106,16 @@ def test_a_receiver_is_recognised_without_a_byte_written(baud):
 
 @pytest.mark.parametrize("baud", [230400, 460800, 921600])
 def test_a_receiver_at_a_speed_that_its_driver_does_not_know_is_read_at_that_speed(baud):
-    device = Speaker(baud, BURST)
+    for last_baud in (0, baud):
+        device = Speaker(baud, BURST)
+        found, _ = run(detect(last_baud=last_baud), device)
+        assert (found.driver, found.baud, device.host_baud) == ("nmea", baud, baud)
+
+
+@pytest.mark.parametrize("baud", [230400, 460800, 921600])
+@pytest.mark.parametrize("first_s", [1.5, 3.0])
+def test_so_is_one_that_begins_to_send_while_it_is_looked_for(baud, first_s):
+    device = Speaker(baud, BURST, first_s=first_s)
     found, _ = run(detect(), device)
     assert (found.driver, found.baud, device.host_baud) == ("nmea", baud, baud)
 

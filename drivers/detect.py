@@ -5,7 +5,7 @@ all baud rates. Only a silent line is queried, by every driver at the baud rates
 unrecognised data is queried only if the user named a driver whose queries may interrupt a stream. All this is done in
 three rounds, since a device may be starting up. Late answers are waited for at the likeliest baud rate; at all baud
 rates in a fourth round, if any byte was received that was no answer. A line on which a common protocol is recognised is
-listened to a little longer, in case the device also sends one of its own.
+listened to a little longer, in case the device also sends one of its own; of both, the one with its fixes counts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -119,7 +119,7 @@ def detect(
             found = answer
         if found is not None:
             yield Exchange(baud=found.baud)
-            return (yield from _native(candidates, found))
+            return (yield from _of_protocols(candidates, found, readonly))
         if data is not None:
             return data
     return last or activity.unrecognised(bauds) or Silence(bauds, not readonly)
@@ -149,15 +149,24 @@ def _recognised(candidates: Sequence[AnyDriver], received: bytes, baud: int) -> 
     return None
 
 
-def _native(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
-    """The device by its own protocol, if it sends that beside the recognised one."""
-    natives = [one for one in candidates if isinstance(one, NativeProtocol) and one.also_speaks == found.driver]
-    if not natives:
+def _of_protocols(candidates: Sequence[AnyDriver], found: Found, readonly: bool) -> Dialogue[Found]:
+    """The device by the one of its two protocols that brings its fixes, or by its own if it can be set up in that."""
+    both = [one for one in candidates if isinstance(one, NativeProtocol)]
+    natives = [one for one in both if found.driver in (one.name, one.also_speaks)]
+    if not natives or len(candidates) == 1:
         return found
     received = yield Exchange(
-        listen_s=NATIVE_S, enough=lambda received: _recognised(natives, received, found.baud) is not None
+        listen_s=NATIVE_S, enough=lambda received: any(one.sends_fixes(received) for one in natives)
     )
-    return _recognised(natives, received, found.baud) or found
+    for native in natives:
+        common = [one for one in candidates if one.name == native.also_speaks]
+        own = found if found.driver == native.name else _recognised([native], received, found.baud)
+        other = found if found.driver == native.also_speaks else _recognised(common, received, found.baud)
+        if own and (other is None or native.sends_fixes(received)):
+            return own
+        if own and other:
+            return own if not readonly and (yield from native.identify()) else other
+    return found
 
 
 def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:

@@ -248,12 +248,15 @@ class NativeProtocol(Protocol):
     """The additional interface of a driver for receivers that also speak another driver's protocol.
 
     A line recognised by that driver is listened to for this one's protocol, too. It queries a line only if the user
-    named it: a device that needs another driver is left alone.
+    named it, or its protocol comes there: a device that needs another driver is left alone.
     """
 
     @property
     def also_speaks(self) -> str:
         """The name of the other driver."""
+
+    def sends_fixes(self, received: bytes) -> bool:
+        """Whether there are fixes in `received` in this driver's protocol."""
 
 
 DECODER_FIELDS = ("leftover", "frames", "junk", "bad", "lost", "suspect", "errors", "status")  # see ImuDriver.new_state

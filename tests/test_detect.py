@@ -11,6 +11,7 @@ from imud.drivers.detect import _merged, detect
 from imud.drivers.driver import GnssConfigured, Identity, Options, Unsupported
 from imud.drivers.findings import Echo, Silence, UnrecognisedData
 from imud.drivers.registry import by_name, drivers, names
+from imud.drivers.ubx.frames import frame as ubx_frame
 
 BURST = (
     b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
@@ -118,6 +119,19 @@ def test_so_is_one_that_begins_to_send_while_it_is_looked_for(baud, first_s):
     device = Speaker(baud, BURST, first_s=first_s)
     found, _ = run(detect(), device)
     assert (found.driver, found.baud, device.host_baud) == ("nmea", baud, baud)
+
+
+@pytest.mark.parametrize("readonly", [False, True])
+@pytest.mark.parametrize("order", [1, -1], ids=["sentences first", "frames first"])
+def test_a_receiver_whose_frames_bring_no_fixes_is_read_by_its_sentences(readonly, order):
+    raw = ubx_frame((0x02, 0x15), bytes(112)) + ubx_frame((0x01, 0x35), bytes(8))
+    parts = [BURST, raw][::order]
+    device = Speaker(9600, b"".join(parts))
+    found, _ = run(detect(readonly=readonly), device)
+    assert (found.driver, found.baud) == ("nmea", 9600)
+    assert bool(device.written) is not readonly
+    named, _ = run(detect("ubx", readonly=readonly), Speaker(9600, b"".join(parts)))
+    assert named.driver == "ubx"
 
 
 def test_a_receiver_that_names_its_maker():

@@ -1,7 +1,8 @@
 """u-blox receivers in their own protocol, from generation 7 on: velocity in three dimensions, and the errors of a fix.
 
 A receiver that sends UBX is recognised, and set up unless its port is readonly. One that sends NMEA alone, as from the
-factory, is left to the driver `nmea`; it is asked and set up if the user names this driver: `DEV:ubx`.
+factory, is left to the driver `nmea`, and so is one whose UBX is without fixes (raw measurements) and that does not
+answer; it is asked and set up if the user names this driver: `DEV:ubx`.
 """
 
 from dataclasses import replace
@@ -11,6 +12,7 @@ from ..dialogue import Dialogue, Exchange
 from ..driver import GnssConfigured, Identity, Options, Unsupported
 from .decoder import UbxDecoder
 from .frames import SYNC
+from .messages import NAV_PVT
 from .setup import frames, set_up, streams, version
 
 UNNAMED = "u-blox receiver"
@@ -35,6 +37,10 @@ class Ubx:
     def recognise(self, received: bytes) -> Identity | None:
         """A frame with the right checksum."""
         return Identity(self.name, UNNAMED) if SYNC in received and frames(received) else None
+
+    def sends_fixes(self, received: bytes) -> bool:
+        """Whether NAV-PVT is among the bytes."""
+        return SYNC in received and any(one.kind == NAV_PVT for one in frames(received))
 
     def identify(self) -> Dialogue[Identity | None]:
         """Ask for the version, at the speed that is set."""

@@ -110,6 +110,14 @@ def test_a_command_that_fails_is_reported(folder, path, command, says, tmp_path)
         assert says in answer["trouble"] and answer["recording"] == bool(path)
 
 
+@pytest.mark.parametrize("folder", ["{tmp}", "{tmp}/absent"])
+def test_a_command_that_is_not_understood_changes_nothing_that_others_are_answered(folder, tmp_path):
+    with Recordings(settings(folder.format(tmp=tmp_path))) as recordings:
+        before = recordings.status()
+        assert "what is to be done?" in recordings.handle_command(b'{"begin":true}')
+        assert recordings.status() == before
+
+
 @pytest.mark.parametrize("folder", ["{tmp}/absent", "/dev/null/x", "/" + "x" * 300])
 def test_a_folder_that_cannot_be_written_to_is_reported_at_the_start(folder, tmp_path):
     chosen = settings(folder.format(tmp=tmp_path))

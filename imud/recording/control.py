@@ -74,8 +74,8 @@ class Recordings:
             self._set_recording(False)  # the client may begin another one
         return messages
 
-    def status(self) -> str:
-        """The answer to ?RECORD."""
+    def status(self, misunderstood: str = "") -> str:
+        """The answer to ?RECORD. misunderstood: why the one that asks was not understood, which is no one else's."""
         state = self.current.state if self.current else {}
         answer = {
             "class": "RECORD",
@@ -83,20 +83,19 @@ class Recordings:
             "recording": self.current is not None,
             "path": state.get("path", ""),
             "bytes": state.get("bytes", 0),
-            "trouble": state.get("trouble", "") or self._trouble,
+            "trouble": misunderstood or state.get("trouble", "") or self._trouble,
         }
         return msgspec.json.encode(answer).decode()
 
     def handle_command(self, argument: bytes) -> str:
         """The answer to ?RECORD={"enable":…}, once it is done; why it cannot be is in it."""
-        self._trouble = ""
-        self._trouble_reported = True  # the client reads the next one
         try:
             command = msgspec.json.decode(argument, type=_Command)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            self._trouble = f"what is to be done? {error}"
-        else:
-            self._set_recording(command.enable)
+            return self.status(f"what is to be done? {error}")
+        self._trouble = ""
+        self._trouble_reported = True  # the client reads the next one
+        self._set_recording(command.enable)
         return self.status()
 
     def _set_recording(self, enable: bool) -> None:

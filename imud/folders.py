@@ -83,14 +83,14 @@ def _write_in_place(path: Path, content: bytes) -> None:
 
 
 def save_in(paths: Iterable[Path], content: bytes, write: Callable[[Path, bytes], None] = replace_file) -> None:
-    """Write the first of the files that may be written. Raises OSError if there is none."""
+    """Write the first of the files that may be written. Raises OSError, which names the last one, if there is none."""
     refused = OSError("there is no folder for state")
     for path in paths:
         try:
             write(path, content)
             return
         except OSError as error:
-            refused = error
+            refused = OSError(error.errno, error.strerror, str(path)) if error.filename is None else error
     raise refused
 
 

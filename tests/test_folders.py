@@ -1,5 +1,6 @@
 """Where our files lie, also for a service whose user has no home."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -35,6 +36,14 @@ def test_the_users_own(monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
     assert folders.folders_for("cache") == [Path("/home/somebody/.cache/imud")]
     assert folders.folders_for("state") == [Path("/elsewhere/imud")]
+
+
+def test_a_full_disk_is_named(tmp_path):
+    def write(path, content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path}/b'"):
+        folders.save_in([tmp_path / "a", tmp_path / "b"], b"", write)
 
 
 @pytest.mark.parametrize("write", [folders.replace_file, folders.overwrite_file])

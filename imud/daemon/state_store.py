@@ -118,7 +118,7 @@ class StateStore:
 
     def _warn(self, error: Exception) -> None:
         if not self._warned:
-            get_logger().warning(f"the filter's state cannot be kept over a restart: {error}")
+            get_logger().warning(f"a part of the filter's state cannot be kept over a restart: {error}")
         self._warned = True
 
 

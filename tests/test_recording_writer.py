@@ -272,6 +272,27 @@ def test_a_folder_that_is_gone_pauses_the_recording_until_it_is_back(tmp_path):
     assert [level for level, _ in messages] == ["info", "error", "error", "info"]
 
 
+@pytest.mark.parametrize("elsewhere", ["", "moved.mcap"])
+def test_a_file_that_is_removed_or_renamed_is_followed_by_another(elsewhere, tmp_path):
+    path, messages = tmp_path / "drive.mcap", []
+    recording = writer(path, messages, spare_mb=1)
+    recording.take(MessageKind.RAW, 0, 3, b"before")
+    recording.commit()
+    if elsewhere:
+        path.rename(tmp_path / elsewhere)
+    else:
+        path.unlink()
+    recording.commit()
+    recording.take(MessageKind.RAW, 0, 4, b"after")
+    recording.finish()
+    assert [raw.data for raw in reads_of(path)] == [b"after"]
+    if elsewhere:
+        moved = Capture(tmp_path / elsewhere)
+        assert list(moved) and moved.broken == ""
+    assert [level for level, _ in messages] == ["info", "warning", "info"]
+    assert "was removed or renamed" in messages[1][1]
+
+
 def test_what_is_no_file_of_ours_does_not_stop_the_budget(tmp_path):
     base = tmp_path / "drive.mcap"
     base.write_bytes(bytes(1000))

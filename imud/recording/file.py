@@ -40,6 +40,14 @@ class RecordingFile:
         """Bytes committed."""
         return self._committed
 
+    @property
+    def is_in_place(self) -> bool:
+        """Whether it still has its name: what is written to a file that was removed is lost when it is closed."""
+        try:
+            return os.path.samestat(os.lstat(self.path), os.fstat(self._file.fileno()))
+        except FileNotFoundError:
+            return False
+
     def write(self, topic: str, unix_ns: int, data: bytes) -> None:
         """A message, at the time by which viewers show it."""
         channel = self._channels.get(topic)

@@ -236,9 +236,15 @@ class RecordingWriter:
         if parts.free_bytes(self._base) < record.spare_mb * _MB:
             self._guard(lambda file: file.finish())
             self._pause(f"less than {record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+        elif not file.is_in_place:
+            self._log("warning", f"{file.path} was removed or renamed while it was recorded to: it ends here")
+            self._begin_next()
         elif (0 < record.file_mb * _MB <= file.size) or (0.0 < record.file_s <= time.monotonic() - self._opened_s):
-            self._guard(lambda file: file.finish())
-            self._open()
+            self._begin_next()
+
+    def _begin_next(self) -> None:
+        self._guard(lambda file: file.finish())
+        self._open()
 
     def finish(self) -> None:
         """The end."""

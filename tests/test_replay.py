@@ -203,6 +203,18 @@ def test_an_axis_that_was_not_recorded_is_said(drive, tmp_path):
     assert b"never changes" not in replay("--imu", folder / "imu.csv", "-o", tmp_path / "est.csv").stderr
 
 
+def test_rates_of_a_car_in_degrees_are_asked_about(drive, tmp_path):
+    """Gravity does not show it: the car turns about the vertical, and just has no heading."""
+    folder, _ = drive
+    samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    samples[:, 1:4] = np.degrees(samples[:, 1:4])
+    np.savetxt(tmp_path / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
+    inputs = ("--gnss", folder / "gnss.csv", "-o", tmp_path / "est.csv")
+    assert b"is it in rad/s?" in replay("--imu", tmp_path / "imu.csv", *inputs).stderr
+    assert b"rad/s" not in replay("--imu", folder / "imu.csv", *inputs).stderr
+
+
 def test_what_the_sensor_monitor_finds_is_said(drive, tmp_path):
     folder, _ = drive
     samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)

@@ -1,6 +1,7 @@
 """`imud replay --imu CSV …`: tables of samples, fixes and other measurements through a filter."""
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -32,7 +33,8 @@ from ...tables.output import open_output
 from ..files import input_file
 
 _PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
-_CHECKED_SAMPLES = 10_000  # of the specific force
+_RATE_RADPS = 6.0  # one sample in ten is faster in what spins, and in a table of degrees of a car that turns
+_CHECKED_SAMPLES = 10_000  # of the specific force and the rates
 
 
 def run(args: argparse.Namespace) -> int:
@@ -151,7 +153,8 @@ def _readings(
 def _unit_warnings(samples: Records) -> Iterator[str]:
     """Warnings of values that are probably in other units."""
     period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
-    forces = samples["f"][:: max(1, len(samples) // _CHECKED_SAMPLES)]
+    checked = samples[:: max(1, len(samples) // _CHECKED_SAMPLES)]
+    forces, rate = checked["f"], float(np.quantile(np.linalg.norm(checked["w"], axis=1), 0.9))
     force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
     for name, values in (("gyro", samples["w"]), ("accelerometer", samples["f"])):
         constant = np.ptp(values, axis=0) == 0.0
@@ -160,6 +163,8 @@ def _unit_warnings(samples: Records) -> Iterator[str]:
             yield f"{name} {still} never changes, as an axis that was not recorded: the estimates may be wrong"
     if period_s > _PERIOD_MAX_S:
         yield f"the samples are {period_s:g} s apart: is t_s in s?"
+    if rate > _RATE_RADPS:
+        yield f"one sample in ten turns faster than {rate:.3g} rad/s, {math.degrees(rate):.0f} deg/s: is it in rad/s?"
     if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
         yield f"the specific force is mostly {force:.3g} m/s^2, gravity alone gives 9.8: is it in m/s^2, with gravity?"
     elif down < -_FORCE_MPS2[0]:

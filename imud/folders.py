@@ -94,6 +94,15 @@ def save_in(paths: Iterable[Path], content: bytes, write: Callable[[Path, bytes]
     raise refused
 
 
+def forbids_writing(folder: Path) -> str:
+    """Why no file can be made in a folder that there is; empty: nothing is known against it. Raises OSError."""
+    if os.access(folder, os.W_OK):
+        return ""
+    if os.statvfs(folder).f_flag & os.ST_RDONLY:  # as of a card that the kernel found damaged
+        return f"the file system of {folder} is read-only"
+    return f"no permission to write in {folder}"
+
+
 @functools.cache
 def boot_id() -> str:
     """Of the machine, another one after each boot."""

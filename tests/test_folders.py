@@ -3,6 +3,7 @@
 import errno
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -36,6 +37,16 @@ def test_the_users_own(monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
     assert folders.folders_for("cache") == [Path("/home/somebody/.cache/imud")]
     assert folders.folders_for("state") == [Path("/elsewhere/imud")]
+
+
+@pytest.mark.parametrize(("flags", "says"), [(os.ST_RDONLY, "is read-only"), (0, "no permission")])
+def test_a_folder_that_cannot_be_written_to_says_whether_its_file_system_is_read_only(
+    flags, says, tmp_path, monkeypatch
+):
+    assert folders.forbids_writing(tmp_path) == ""
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_flag=flags))
+    assert says in folders.forbids_writing(tmp_path) and str(tmp_path) in folders.forbids_writing(tmp_path)
 
 
 def test_a_full_disk_is_named(tmp_path):

@@ -4,7 +4,6 @@ A client never names a file: it is made in `record.folder`, if there is one, and
 """
 
 import math
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ import msgspec
 
 from ..configuration.settings import Settings
 from ..errors import ImudError
+from ..folders import forbids_writing
 
 if TYPE_CHECKING:
     from .recorder import Recorder
@@ -134,10 +134,10 @@ def _recorder(settings: Settings) -> "Recorder":
 
 def folder_trouble(folder: str) -> str:
     """Why no recording can be made in `record.folder`; empty: nothing is known against it, or there is none."""
+    if not folder:
+        return ""
     try:
-        if not folder or (Path(folder).is_dir() and os.access(folder, os.W_OK)):
-            return ""
-        why = "no permission to write in it" if Path(folder).is_dir() else "there is no such folder"
+        why = forbids_writing(Path(folder)) if Path(folder).is_dir() else "there is no such folder"
     except OSError as error:
         why = error.strerror or str(error)
-    return f"no recordings can be made in {folder} (record.folder): {why}"
+    return f"no recordings can be made in {folder} (record.folder): {why}" if why else ""

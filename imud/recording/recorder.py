@@ -26,6 +26,7 @@ from imud.drivers.driver import GnssConfigured, ImuConfigured
 from .. import __version__
 from ..configuration.settings import Settings
 from ..errors import CannotCreateError, ImudError, UsageError
+from ..folders import forbids_writing
 from ..math.arrays import Records
 from ..pipeline import NOTHING_STORED, Stored
 from ..process.python import python_command
@@ -275,5 +276,5 @@ def _check(path: Path) -> None:
         raise CannotCreateError(f"cannot record to {path}: it is a folder; name a file, such as {path / 'drive.mcap'}")
     if not path.absolute().parent.is_dir():
         raise CannotCreateError(f"cannot record to {path}: there is no folder {path.parent}")
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise CannotCreateError(f"cannot record to {path}: no permission to write in {path.absolute().parent}")
+    if why := forbids_writing(path.absolute().parent):
+        raise CannotCreateError(f"cannot record to {path}: {why}")

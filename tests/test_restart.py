@@ -161,12 +161,6 @@ def test_it_is_kept_where_a_file_can_be_made(folder, monkeypatch):
     assert CheckpointFiles(SENSOR, PORT).take(10**9) == b"here"
 
 
-def test_a_port_whose_path_is_no_utf_8_has_one(folder):
-    CheckpointFiles(SENSOR, "/dev/\udcff").save(b"here")
-    assert CheckpointFiles(SENSOR, "/dev/\udcfe").take(10**9) == b""
-    assert CheckpointFiles(SENSOR, "/dev/\udcff").take(10**9) == b"here"
-
-
 @pytest.mark.parametrize("asked", [("another sensor", PORT, 10**9), (SENSOR, "/dev/ttyUSB1", 10**9), (SENSOR, PORT, 0)])
 def test_of_another_sensor_port_or_time_there_is_none(folder, asked):
     sensor, port, max_age_ns = asked

@@ -272,5 +272,8 @@ def test_an_endless_file_is_not_read_to_its_end():
 def test_options_of_the_command_line_are_held_to_the_same_rules():
     with pytest.raises(ConfigError, match=r"gpsd\.listen: must be text without control characters"):
         config.load(None, [], {"gpsd.listen": "127.0.0.1\n"})
-    with pytest.raises(ConfigError, match="ports: must be list"):
-        config.load(None, [], {"ports": ["/dev/" + "x" * 5000]})
+    for port in ("/dev/" + "x" * 5000, "/dev/\udcff"):
+        with pytest.raises(
+            ConfigError, match="ports: must be list: text without control characters, in UTF-8, at most"
+        ):
+            config.load(None, [], {"ports": [port]})

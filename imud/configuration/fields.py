@@ -20,7 +20,7 @@ def number(least: float, most: float, unit: str, what: str = "", *, hot: bool = 
 
 def text(what: str = "", *, form: str = r"^[^\x00-\x1f\x7f\ud800-\udfff]*\Z", longest: int = 4000) -> Meta:
     """Text without control characters, which no path, address or name has, and without undecodable bytes."""
-    extra = {"rule": f" without control characters, at most {longest} long"}
+    extra = {"rule": f" without control characters, in UTF-8, at most {longest} long"}
     return Meta(pattern=form, max_length=longest, description=what, extra=extra)
 
 

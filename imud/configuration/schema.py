@@ -87,6 +87,14 @@ def kind_of(hint: Any) -> tuple[str, msgspec.Meta]:
     return kind, meta
 
 
+def rule_of(hint: Any) -> str:
+    """What else a value must obey, in words after its type: of a list or a table, each of its values."""
+    bare, meta = split(hint)
+    if get_origin(bare) in (tuple, dict):
+        return rule_of(get_args(bare)[0 if get_origin(bare) is tuple else 1])
+    return str((meta.extra or {}).get("rule", ""))
+
+
 def _range(meta: msgspec.Meta) -> str:
     """The range and unit of a number, as a continuation of its type's name."""
     extra = meta.extra or {}

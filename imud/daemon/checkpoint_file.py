@@ -33,9 +33,9 @@ class CheckpointFiles:
     """Of a sensor on a port. Not thread-safe."""
 
     def __init__(self, sensor: str, port: str) -> None:
-        key = digest_of(f"{sensor}\n{port}".encode(errors="surrogateescape"))[:16]
+        key = digest_of(f"{sensor}\n{port}".encode())[:16]
         self.names = (f"filter-{key}", f"filter-{key}-b")
-        self._sensor, self._port = sensor, _printable(port)
+        self._sensor, self._port = sensor, port
         self._folders = [*folders_for("runtime"), *folders_for("state")]
         self._paths = [[folder / name for folder in self._folders] for name in self.names]
 
@@ -72,8 +72,3 @@ def _remove_unused(folder: Path) -> None:
         with contextlib.suppress(OSError):
             if time.time() - path.lstat().st_mtime > _UNUSED_S:
                 path.unlink()
-
-
-def _printable(port: str) -> str:
-    """The path of a port as JSON can hold it: a path may have bytes that are no UTF-8."""
-    return port.encode(errors="surrogateescape").decode(errors="backslashreplace")

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import msgspec
 
-from ..configuration.schema import is_table, is_valid, keys, kind_of
+from ..configuration.schema import is_table, is_valid, keys, kind_of, rule_of
 from ..configuration.settings import Initial, Settings
 from ..errors import ConfigError
 from ..folders import read_file
@@ -49,9 +49,8 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
             else:
                 yield path, "is a table of keys, not a value"
         elif not is_valid(value, fields[key]):
-            kind, meta = kind_of(fields[key])
-            rule = (meta.extra or {}).get("rule", "")
-            yield path, f"must be {kind}{rule}, not {reprlib.repr(value)}"
+            kind, _ = kind_of(fields[key])
+            yield path, f"must be {kind}{rule_of(fields[key])}, not {reprlib.repr(value)}"
 
 
 def _lines_of(text: str) -> dict[str, int]:

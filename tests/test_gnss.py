@@ -31,6 +31,21 @@ from imud.tables.refused import without_refused
 FIX = decode(gga() + rmc(motion="10.0,90.0") + vtg())[0][0]
 
 
+@pytest.mark.parametrize(("quality", "fresh"), [(1, True), (0, False)])
+def test_a_receiver_that_says_that_it_has_lost_its_fix_has_no_fresh_one(quality, fresh):
+    receiver = Receiver(by_name("nmea"), Gnss(), 0)
+    for second in range(4):
+        receiver.feed(gga(f"12000{second}.000"), second * 10**9)
+    assert receiver.fresh_fix(3 * 10**9) is not None
+    receiver.feed(gga("120004.000", rest=f"{quality},08,0.9,545.4,M,46.9,M,,"), 4 * 10**9)
+    receiver.flush(4_300_000_000)
+    assert (receiver.fresh_fix(4_300_000_000) is not None) is fresh
+    receiver.feed(gga("120005.000"), 5 * 10**9)
+    receiver.flush(5_300_000_000)
+    assert receiver.fresh_fix(5_300_000_000) is not None
+    assert receiver.fresh_fix(9 * 10**9) is None
+
+
 def test_the_papers_rules_are_the_defaults_and_can_be_changed():
     assert refusal(FIX, Gnss()) is None
     assert "4 satellites" in str(refusal(FIX._replace(satellites=4), Gnss()))

@@ -214,10 +214,15 @@ class Receiver:
         return self._last_used_fix
 
     def fresh_fix(self, now_ns: int) -> Records | None:
-        """The last fix that was used, as it goes to the filter; None if it is stale."""
-        if self._row is None or now_ns - int(self._row["arrival_ns"][0]) > STALE_FIX_NS:
+        """The last fix that was used, as it goes to the filter; None if it is stale, or the receiver has none since."""
+        status = self.decoder.status
+        if (
+            self._row is None
+            or self._last is None
+            or (status.quality == 0 and status.arrival_ns > self._last.arrival_ns)
+        ):
             return None
-        return self._row
+        return self._row if now_ns - int(self._row["arrival_ns"][0]) <= STALE_FIX_NS else None
 
     def _update_verdict(self, refused: Refusal | None) -> None:
         """Leave a message about a changed verdict, once several fixes in sequence share it."""

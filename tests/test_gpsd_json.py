@@ -157,6 +157,8 @@ def test_where_the_estimator_takes_no_fixes_the_position_is_the_receivers_of_its
     assert est["device"] == IMU.path and "lat_deg" not in est and est["time"] == "2026-03-23T12:00:20.250000Z"
     none = view._replace(receiver=View(devices=(RECEIVER,)))
     assert fields("TPV", none) == {"class": "TPV", "device": RECEIVER.path, "mode": 0}
+    lost = view._replace(receiver=receiver._replace(solution=View().solution))
+    assert fields("TPV", lost)["mode"] == 1 and "lat" not in fields("TPV", lost)
 
 
 def test_no_angles_before_alignment():

@@ -80,7 +80,7 @@ _OF_QUALITY = {2: 2, 4: 3, 5: 4, 8: _SIMULATED}  # of GGA: differential, RTK, fl
 def _fix(view: View, s: State) -> str:
     """`status` where gpsd defines one, and `mode`: 0 no data yet, 1 no position, 2 no height, 3 all."""
     if not s.status & POSITION_VALID:
-        return f',"mode":{0 if view.solution == NO_SOLUTION else 1}'
+        return f',"mode":{0 if view.solution == NO_SOLUTION and view.gnss is None else 1}'
     mode = f',"mode":{3 if s.status & HEIGHT_VALID else 2}'
     if not view.estimator:
         status = _OF_QUALITY.get(view.gnss.quality or 0) if view.gnss else None

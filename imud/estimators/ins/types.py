@@ -427,6 +427,7 @@ class Alignment:
     velocity_known_ns: int
     known_integral: Reals
     added_velocity_variance: float
+    level_accel_ns: int
     pair_start_ns: int
     pair_velocity: Reals
     pair_lat: float

@@ -77,6 +77,19 @@ def reset_velocity(c: Core, sigma: float) -> None:
 
 
 @kernel
+def least_known_first(c: Core) -> tuple[int, int, int]:
+    """The gyro biases in order of falling variance."""
+    i, j, k = 0, 1, 2
+    if variance(c, GYRO_BIAS + i) < variance(c, GYRO_BIAS + j):
+        i, j = j, i
+    if variance(c, GYRO_BIAS + j) < variance(c, GYRO_BIAS + k):
+        j, k = k, j
+    if variance(c, GYRO_BIAS + i) < variance(c, GYRO_BIAS + j):
+        i, j = j, i
+    return i, j, k
+
+
+@kernel
 def fuse_rest(p: Parameters, c: Core) -> None:
     """Fuse one window of rest (call at its end, before it is cleared).
 
@@ -101,7 +114,9 @@ def fuse_rest(p: Parameters, c: Core) -> None:
     replaces = s.contradiction_count + 1 >= p.tuning.bias_contradiction_windows
     contradicting_s = p.tuning.bias_contradiction_windows * s.duration
     low_motion_s = min(s.low_motion_count * s.duration, 1e-9 * (c.nav.t_ns - s.agreed_ns))
-    for i in range(3):
+    order = least_known_first(c)
+    for k in range(3):
+        i = order[k]
         z = s.mean_w[i] - earth[i] - c.nav.bg[i]
         # only a confirmed rest is detected with such a rate; a window's mean may have it by noise, too
         if abs(z) > max(max_rest_rate(p, c, i), p.tuning.limit_sigmas * math.sqrt(variance(c, GYRO_BIAS + i) + r)):

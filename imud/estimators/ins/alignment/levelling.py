@@ -48,7 +48,7 @@ TUNABLES = (
         "level_max_accel",
         1.0,
         "m/s^2",
-        "Largest acceleration that the receiver measures whose error in one pair is independent of that in the next.",
+        "Largest acceleration that the receiver measures that levels better than is known: a turn or a climb lasts.",
         "levelled_sigma times gravity.",
     ),
     Tunable(
@@ -69,8 +69,15 @@ TUNABLES = (
         "level_motion_sigma",
         1.5,
         "m/s^2",
-        "Sigma of the mean specific force in motion; accelerations last several windows.",
+        "Sigma of the mean specific force in motion.",
         "Recorded drives.",
+    ),
+    Tunable(
+        "level_accel_time_s",
+        1.0,
+        "s",
+        "Time constant of the acceleration of a vehicle.",
+        "Recorded and simulated vehicles: 0.5 to 4 s, two cars 3 s.",
     ),
     Tunable("level_gate", 25.0, "NIS", "Gate of a level force, beyond which P is inflated.", "Five sigma."),
     Tunable("level_turn_speed", 20.0, "m/s", "Speed assumed for the centripetal force of a turn.", "Choice."),
@@ -121,18 +128,15 @@ def widen_accel_bias(p: Parameters, c: Core, C_nb: Matrix, excess: float) -> Non
 
 
 @kernel
-def keep_vertical_bias(p: Parameters, c: Core, C_nb: Matrix, z: float, s: float) -> None:
+def keep_vertical_bias(c: Core, C_nb: Matrix, z: float, s: float) -> None:
     """Take back what the last update, of innovation z and variance s, has learned of the vertical gyro bias.
 
     While the heading is unknown a level force shows nothing of it: that it seems to comes of a wrong tilt, about which
-    the model is linear. (Schmidt's filter: the bias is considered, not estimated.) That matters where the bias may be
-    one of the worst parts'; of usual ones it takes too little.
+    the model is linear. (Schmidt's filter: the bias is considered, not estimated.)
     """
-    part, length = 0.0, set_jacobian3(c, 0, GYRO_BIAS, (C_nb[6], C_nb[7], C_nb[8]))
+    part = 0.0
     for i in range(3):
         part += C_nb[6 + i] * c.scratch.d[GYRO_BIAS + i]
-    if innovation_variance(c, length) + part * part / s < 1.1 * p.gyro_bias_sigma**2:
-        return
     for i in range(3):
         add_correction(c, GYRO_BIAS + i, -C_nb[6 + i] * part * z / s)
         for j in range(i, 3):
@@ -140,16 +144,34 @@ def keep_vertical_bias(p: Parameters, c: Core, C_nb: Matrix, z: float, s: float)
 
 
 @kernel
-def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: float, sigma: float, axes: int) -> None:
+def lasting_accel_factor(p: Parameters, c: Core) -> float:
+    """By how much the variance of a mean acceleration now counts more, since the last one had much of it, too.
+
+    Of a first-order Gauss-Markov process, whose successive values correlate by k, many show as much as a share of
+    (1 - k) / (1 + k) independent ones.
+    """
+    since_s = max(1e-9 * (c.nav.t_ns - c.alignment.level_accel_ns), 1e-3)
+    c.alignment.level_accel_ns = c.nav.t_ns
+    correlation = elementary.exp(-since_s / p.tuning.level_accel_time_s)
+    return float((1.0 + correlation) / (1.0 - correlation))
+
+
+@kernel
+def fuse_gravity(
+    p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: float, accel: float, noise: float, axes: int
+) -> None:
     """Fuse a mean specific force (fx, fy, fz; m/s^2, NED) as minus gravity, on the first `axes` axes.
 
-    sigma: m/s^2, of the acceleration. The mean belongs to a time `ago` s in the past; since then the gyro bias error
-    has changed the tilt.
+    Sigmas, m/s^2: accel, of an acceleration, which lasts; noise, of what is independent from one mean to the next. The
+    mean belongs to a time `ago` s in the past; since then the gyro bias error has changed the tilt.
     """
     C_nb, g, resting = rotation_matrix(c), gravity(c.nav.lat, c.nav.height), c.stationarity.at_rest != 0
     norm = math.sqrt(fx * fx + fy * fy + fz * fz)
+    factor = 1.0
     if resting:
         widen_accel_bias(p, c, C_nb, norm - g)
+    else:
+        factor = lasting_accel_factor(p, c)
     for i in range(axes):
         # d (C f + phi x C f - C ba) = d (0, 0, -g) along a direction d; the heading error has no effect on it. North
         # and east: phi turns gravity, not the measured force, whose bias would make the filter inconsistent.
@@ -170,12 +192,11 @@ def fuse_gravity(p: Parameters, c: Core, fx: float, fy: float, fz: float, ago: f
             length = set_jacobian(c, length, ACCEL_BIAS + j, -(dn * C_nb[j] + de * C_nb[3 + j] + dd * C_nb[6 + j]))
         if i == 2 and innovation_variance(c, length) < p.tuning.level_vertical_sigma**2:
             continue
-        r = sigma * sigma
+        r = factor * accel * accel + noise * noise
         if i < 2 and not resting:
-            r += share_excess(p, c, length, z, r, i)
+            r += share_excess(p, c, length, z, accel * accel + noise * noise, i)
         z, s, _ = gated_update(c, length, z, r, NO_GATE)
-        if not resting:
-            keep_vertical_bias(p, c, C_nb, z, s)
+        keep_vertical_bias(c, C_nb, z, s)
     correct_state(p, c)
 
 
@@ -187,25 +208,23 @@ def level_from_window(p: Parameters, c: Core, resting: bool) -> None:
     """
     if not resting and 1e-9 * (c.nav.t_ns - c.alignment.pair_start_ns) <= p.tuning.level_pair_age_s:
         return
-    sigma = p.tuning.level_rest_sigma
+    accel, noise = 0.0, p.tuning.level_rest_sigma
     if not resting:
         down, w = ned_to_body(c, (0.0, 0.0, 1.0)), c.imu.rate_b
         turn_rate = down[0] * w[0] + down[1] * w[1] + down[2] * w[2]
-        sigma = elementary.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn_rate)
+        accel, noise = elementary.hypot(p.tuning.level_motion_sigma, p.tuning.level_turn_speed * turn_rate), 0.0
     dv, dt = c.stationarity.delta_v, c.stationarity.duration
-    fuse_gravity(p, c, dv[0] / dt, dv[1] / dt, dv[2] / dt, 0.5 * dt, sigma, 3)
+    fuse_gravity(p, c, dv[0] / dt, dv[1] / dt, dv[2] / dt, 0.5 * dt, accel, noise, 3)
 
 
 @kernel
 def level_from_velocity_change(p: Parameters, c: Core, fn: float, fe: float, dt: float, accel: float) -> None:
     """Fuse the mean level specific force (fn, fe; m/s^2, NED) of the last `dt` s as gravity.
 
-    accel: m/s^2, magnitude of the acceleration that the receiver measured; its direction is not known yet. A turn or a
-    climb lasts, so that many of them know no more than one.
+    accel: m/s^2, magnitude of the acceleration that the receiver measured; its direction is not known yet.
     """
-    g, sigma = gravity(c.nav.lat, c.nav.height), accel + p.tuning.level_gnss_sigma
+    g, noise = gravity(c.nav.lat, c.nav.height), p.tuning.level_gnss_sigma
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
-    if accel > p.tuning.level_max_accel and tilt2 * g * g < sigma * sigma:
-        return
-    if not c.stationarity.at_rest:
-        fuse_gravity(p, c, fn, fe, -g, 0.5 * dt, sigma, 2)
+    lasts = accel > p.tuning.level_max_accel and tilt2 * g * g < accel * accel + noise * noise
+    if not c.stationarity.at_rest and not lasts:
+        fuse_gravity(p, c, fn, fe, -g, 0.5 * dt, accel, noise, 2)

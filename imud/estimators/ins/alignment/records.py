@@ -20,6 +20,7 @@ ALIGNMENT = np.dtype(  # in a level frame of arbitrary heading; complex numbers 
         ("velocity_known_ns", "<i8"),  # last fix used, or the origin if that is later
         ("known_integral", "<f8", (2,)),  # m/s, of the level specific force then
         ("added_velocity_variance", "<f8"),  # m^2/s^2, to each level component since then
+        ("level_accel_ns", "<i8"),  # last time that the force levelled in motion
         ("pair_start_ns", "<i8"),  # last fix used for alignment
         ("pair_velocity", "<f8", (2,)),  # m/s, its velocity north and east; NaN: it reported none
         ("pair_lat", "<f8"),  # rad, its position

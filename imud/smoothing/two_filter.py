@@ -27,11 +27,12 @@ from ..estimators.records import (
     SOLUTION,
 )
 from ..math.arrays import Floats, Records
+from ..math.rotation_arrays import matrices
 from ..pipeline import Filter
 from ..sensor_errors.stored_biases import Biases
 from .attitude import smooth_attitude
 from .average import combined
-from .reversal import BLOCK, matrices, reversed_fixes, reversed_measurements, reversed_samples
+from .reversal import BLOCK, reversed_fixes, reversed_measurements, reversed_samples
 from .rows import Rows
 
 WIDER = 5.0  # the sigmas with which the backward filter begins, over those with which the forward one ended

@@ -284,7 +284,7 @@ class Shared:
     def _read(self) -> State | None:
         """The state in the file that is open.
 
-        How old the state itself is tells its `t_ns`: the daemon may live while its sensor is silent. A lock that is
+        The age of the state follows from its `t_ns`: the daemon may live while its sensor is silent. A lock that is
         odd, or changes meanwhile, is a write in progress. The check word makes this right on machines that reorder
         reads, which Python cannot forbid. The file is read, not mapped: to truncate it costs its reader nothing.
         """

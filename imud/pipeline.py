@@ -145,7 +145,7 @@ class Filter:
         return _checkpoint_digest(self.estimator.name, kind, self.parameters.tobytes(), self.correction.tobytes())
 
     def watch_over(self, sensor: ImuConfigured) -> None:
-        """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""
+        """From now on, monitor this sensor, by the ranges that the user gives, else by those that it reports."""
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }

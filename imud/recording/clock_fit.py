@@ -1,4 +1,4 @@
-"""Rows of a recording that tell how an inertial sensor's counter fits the host's time, and what its line lost."""
+"""Rows of a recording that show how an inertial sensor's counter fits the host's time, and what its line lost."""
 
 from typing import TYPE_CHECKING
 

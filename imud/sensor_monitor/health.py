@@ -11,7 +11,7 @@ smallest change seen) and if the noise of its data sheet is above the resolution
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
 A sample that is repeated shows in all axes together: n axes of known noise need 1/n of the samples of one. What axes
-repeat because their noise is small tells nothing; but if one of a sensor's has changed until the repetition began, all
+repeat because their noise is small shows nothing; but if one of a sensor's has changed until the repetition began, all
 three count as frozen with it. Samples that are read several times before a new one comes are usual after a while.
 
 The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the

@@ -54,7 +54,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """The line on which each key stands in the TOML text, for messages; keys that this cannot tell are missing."""
+    """The line on which each key stands in the TOML text, for messages; keys of which this is not known are missing."""
     lines: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):

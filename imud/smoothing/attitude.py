@@ -92,7 +92,7 @@ def _left_yaw(history: Records) -> Floats:
 def _limit_tilt_confidence(intervals: Records, errors: Records) -> None:
     """The smoothed variances of the tilt become at least half the filter's smallest ones of the seconds around.
 
-    Data before and after a moment tell about equally much of the tilt: together they halve its variance. Where the
+    Data before and after a moment know about equally much of the tilt: together they halve its variance. Where the
     recursion claims more, it counts on noises of the filter that are too small, as in walks begun in motion.
     """
     times_s = 1e-9 * intervals["t_ns"]

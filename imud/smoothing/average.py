@@ -9,9 +9,9 @@ import numpy as np
 
 from ..estimators.records import ATTITUDE_VALID, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 from ..math.arrays import Floats, Records
+from ..math.earth import MEAN_RADIUS_M
 from ..math.rotation_arrays import matrices, of_euler, wrapped
 
-_EARTH_M = 6.371e6  # of small differences of latitude and longitude
 _CONTRADICTION = 4.0  # squared difference over its variance beyond which the sigma grows
 _ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 
@@ -62,9 +62,9 @@ def _average_position(out: Records, forward: Records, backward: Records) -> None
     f_height, b_height = (_valid(rows, HEIGHT_VALID) for rows in (forward, backward))
     lat, lon = (np.where(np.isnan(f), backward[name], forward[name]) for name in ("lat", "lon"))
     height = np.where(np.isnan(f_height) & ~np.isnan(b_height), backward["height"], forward["height"])
-    east_m = _EARTH_M * np.cos(lat)
+    east_m = MEAN_RADIUS_M * np.cos(lat)
     components = (  # backward less forward
-        ((backward["lat"] - lat) * _EARTH_M, f, b),
+        ((backward["lat"] - lat) * MEAN_RADIUS_M, f, b),
         (wrapped(backward["lon"] - lon) * east_m, f, b),
         (height - backward["height"], f_height, b_height),
     )
@@ -76,7 +76,7 @@ def _average_position(out: Records, forward: Records, backward: Records) -> None
         shift[:, i] = np.where(known, mean, 0.0)
         out["sigma_p"][:, i] = np.where(known, sigma, forward["sigma_p"][:, i])
     out["lat"], out["lon"], out["height"] = (
-        lat + shift[:, 0] / _EARTH_M,
+        lat + shift[:, 0] / MEAN_RADIUS_M,
         lon + shift[:, 1] / east_m,
         height - shift[:, 2],
     )

@@ -35,7 +35,7 @@ ERROR = np.dtype(  # of the filter's solution, at the end of an interval
 )
 
 
-def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records], None]) -> None:
+def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records], object]) -> None:
     """Write the smoothed solutions (SOLUTION) in blocks. filter_: before the first of the samples (SAMPLE)."""
     recorded, kept = Rows(SOLUTION), Rows(INTERVAL)
     record_intervals(filter_, samples, recorded, kept)

@@ -19,10 +19,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...client import RECORD
 from ...errors import ImudError
+from ...math.arrays import Floats
 from ...process.python import python_command
 from ..demo import LiveComparison
 from ..demo.comparison import Comparison
@@ -51,7 +51,7 @@ class States:
         self._longest_ns = 0
         self._last: tuple[int, int] | None = None
         self._recent: list[float] = []
-        self._before: list[NDArray[np.float64]] = []
+        self._before: list[Floats] = []
 
     def add(self, record: bytes, now_ns: int) -> None:
         seq, _, t_ns = _NUMBERS.unpack_from(record)
@@ -71,7 +71,7 @@ class States:
         return Counts(self._count, self._missing, self._gaps, self._longest_ns * 1e-9, *lateness)
 
 
-def percentiles(late: NDArray[np.float64]) -> tuple[float, float, float]:
+def percentiles(late: Floats) -> tuple[float, float, float]:
     """Median, 99th percentile, maximum; NaN of nothing."""
     if not len(late):
         return NO_LATENESS

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import kernel
-from ..sample import SATURATED, SUSPECT
+from ..sample import SATURATED, STANDARD_GRAVITY, SUSPECT
 from ..spikes import SPIKES, count_frame, is_spike
 from ..words import Bytes, move_to_front, word
-from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
+from .ranges import FULL_COUNT, Range
 from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame

@@ -42,7 +42,7 @@ def warm_decoders(plugins_only: bool = False) -> None:
 
 
 def warm_loop() -> None:
-    """Compile, or load, the daemon's fast loop, and what looks at its sensor's health."""
+    """Compile, or load, the daemon's fast loop, and what checks its sensor's health."""
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)
@@ -75,7 +75,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 
 def warm_analysis() -> None:
-    """Compile, or load, the kernels with which commands look at recordings."""
+    """Compile, or load, the kernels with which commands read recordings."""
     from .ros2.messages import fill_measured
     from .ros2.reckoning import BODY_VELOCITY, MOTION, RECKONING, body_velocities, follow_body
     from .sensor_errors.noise import allan_variances

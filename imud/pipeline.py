@@ -250,12 +250,9 @@ class Filter:
 
     def pending_innovations(self) -> Records:
         """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""
-        n = (
-            0
-            if self.estimator.pending_innovations is None
-            else self.stages.pending_innovations(self.state, self._innovations)
-        )
-        return self._innovations[:n]
+        if self.estimator.pending_innovations is None:
+            return self._innovations[:0]
+        return self._innovations[: self.stages.pending_innovations(self.state, self._innovations)]
 
     def filter_states(self) -> Records:
         """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""

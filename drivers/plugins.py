@@ -4,7 +4,7 @@
     example = "imud_example.driver:DRIVER"
 
 The groups are `imud.drivers`, `imud.estimators` and `imud.outputs`; `docs/plugin` is a package with one of each. Where
-no installed package declares any, the search costs a look into each package's list of entry points, and no more.
+no installed package declares any, the search reads each package's list of entry points, and no more.
 """
 
 import contextlib

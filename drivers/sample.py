@@ -8,6 +8,8 @@ to the host's time; `outage_s` and the flags of invalid and saturated axes are w
 
 import numpy as np
 
+STANDARD_GRAVITY = 9.80665  # m/s^2, the unit "g"
+
 SAMPLE = np.dtype(
     [
         ("t_ns", "<i8"),  # time of the sample on the estimator's axis; written by the clock

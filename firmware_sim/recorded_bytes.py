@@ -20,7 +20,6 @@ from .device import RECEIVERS, Device
 from .replay import DataError
 from .uart import BITS, Damage
 
-MAGIC = b"\x89MCAP0\r\n"
 _CONNECTIONS, _READS, _RAW = "/connections", "/raw", "/raw/"
 _LOOP_GAP_S = 0.01  # between the end of a lap and the next one
 _MODELS = {  # by driver: the emulated device for a model that begins like this

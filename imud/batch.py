@@ -30,7 +30,7 @@ def play(
     samples: Records,
     fixes: Records,
     on_solutions: Callable[[Records], object],
-    written: Records | None = None,
+    *,
     on_innovations: Callable[[Records], object] | None = None,
     aiding: Records = NO_MEASUREMENT,
     on_progress: Callable[[int], None] = ignore,
@@ -40,10 +40,9 @@ def play(
     arrival.
 
     samples: array of SAMPLE, turned to body axes in place. fixes, aiding: arrays of FIX and MEASUREMENT, in order of
-    arrival. on_solutions: given the solutions of each block, in rows that the next block overwrites. written: mask of
-    the samples whose solutions it is given; None: all. on_innovations: given copies. on_progress: given the number of
-    samples done. each_second: called behind the first sample of each second, and perhaps of others, with its time.
-    Returns the number of fixes fed.
+    arrival. on_solutions: given the solutions of each block, in rows that the next block overwrites. on_innovations:
+    given copies. on_progress: given the number of samples done. each_second: called behind the first sample of each
+    second, and perhaps of others, with its time. Returns the number of fixes fed.
     """
     out = np.zeros(min(BLOCK, len(samples)), SOLUTION)
     t_ns = samples["t_ns"].copy()  # one behind the other
@@ -66,7 +65,7 @@ def play(
             aiding[measurement:next_measurement],
             measurement_before[measurement:next_measurement] - start,
         )
-        on_solutions(rows if written is None else rows[written[start:stop]])
+        on_solutions(rows)
         on_progress(stop)
         if each_second is not None:
             each_second(int(t_ns[stop - 1]))

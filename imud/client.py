@@ -29,7 +29,7 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from operator import xor
 from pathlib import Path
@@ -79,6 +79,7 @@ SHARED_SIZE: Final = _SHARED.size
 _STATES, _LONGEST = "states.", 1 << 20  # of an answer: the names of these numbers, and bytes at most
 STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
+_LOCKED_SINE = 1.0 - 1e-13  # of a pitch at which rounding decides what roll and yaw are
 _WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
 
 Vector = tuple[float, float, float]
@@ -122,33 +123,17 @@ class State(NamedTuple):
     @property
     def roll(self) -> float:
         """rad; 0 with the nose straight up or down, where only roll and yaw together mean something."""
-        w, x, y, z = self.q_nb
-        if self._is_locked:
-            return 0.0
-        return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+        return euler(self.q_nb)[0]
 
     @property
     def pitch(self) -> float:
         """rad."""
-        return math.asin(max(-1.0, min(1.0, self._sine_of_pitch)))
+        return euler(self.q_nb)[1]
 
     @property
     def yaw(self) -> float:
         """rad, clockwise from north if `heading_valid`, else from where it happened to start."""
-        w, x, y, z = self.q_nb
-        if self._is_locked:
-            return math.remainder(2.0 * math.atan2(z, w), 2.0 * math.pi)
-        return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-    @property
-    def _sine_of_pitch(self) -> float:
-        w, x, y, z = self.q_nb
-        return 2.0 * (w * y - x * z)
-
-    @property
-    def _is_locked(self) -> bool:
-        """Whether the nose is so nearly straight up or down that rounding would decide what roll and yaw are."""
-        return abs(self._sine_of_pitch) > 1.0 - 1e-13
+        return euler(self.q_nb)[2]
 
     @property
     def attitude_valid(self) -> bool:
@@ -165,6 +150,18 @@ class State(NamedTuple):
     @property
     def height_valid(self) -> bool:
         return bool(self.status & STATUS["HEIGHT_VALID"])
+
+
+def euler(q_nb: Sequence[float]) -> Vector:
+    """Roll, pitch, yaw in rad, ZYX; with the nose straight up or down roll is 0."""
+    w, x, y, z = q_nb
+    sine = 2.0 * (w * y - x * z)
+    if abs(sine) > _LOCKED_SINE:
+        pitch = math.asin(max(-1.0, min(1.0, sine)))
+        return 0.0, pitch, math.remainder(2.0 * math.atan2(z, w), 2.0 * math.pi)
+    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return roll, math.asin(sine), yaw
 
 
 def decode(record: bytes) -> State:
@@ -284,7 +281,7 @@ class Shared:
     def _read(self) -> State | None:
         """The state in the file that is open.
 
-        How old the state itself is tells its `t_ns`: the daemon may live while its sensor is silent. A lock that is
+        The age of the state follows from its `t_ns`: the daemon may live while its sensor is silent. A lock that is
         odd, or changes meanwhile, is a write in progress. The check word makes this right on machines that reorder
         reads, which Python cannot forbid. The file is read, not mapped: to truncate it costs its reader nothing.
         """

@@ -8,7 +8,6 @@ import contextlib
 import io
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.drivers.driver import Identity, ImuConfigured, ImuDriver
 from imud.drivers.registry import drivers, plugged_in
@@ -19,6 +18,7 @@ from .configuration.settings import Initial, Settings
 from .daemon.fast_loop import FastLoop
 from .estimators import Estimator, registry
 from .estimators.records import FIX, MEASUREMENT, SOLUTION
+from .math.arrays import Records
 from .outputs.binary import BinaryOutputs
 from .outputs.shared_memory import WORD, write
 from .pipeline import Filter, InertialPipeline
@@ -29,7 +29,7 @@ from .stages import decoding
 _RATE_HZ, _PERIOD_NS = 1000.0, 1_000_000
 
 
-def _scratch(plugins_only: bool = False) -> list[tuple[ImuDriver, NDArray[np.void]]]:
+def _scratch(plugins_only: bool = False) -> list[tuple[ImuDriver, Records]]:
     """Every driver of inertial sensors, with a decoder state for it to work on."""
     sensors = [driver for driver in (plugged_in().values() if plugins_only else drivers()) if driver.kind == "imu"]
     return [(d, d.new_state(ImuConfigured(Identity(d.name, ""), _RATE_HZ, _PERIOD_NS, 0, 0))) for d in sensors]
@@ -42,7 +42,7 @@ def warm_decoders(plugins_only: bool = False) -> None:
 
 
 def warm_loop() -> None:
-    """Compile, or load, the daemon's fast loop, and what looks at its sensor's health."""
+    """Compile, or load, the daemon's fast loop, and what checks its sensor's health."""
     with contextlib.closing(FastLoop()) as fast_loop:
         outputs = BinaryOutputs(Settings(), fast_loop.others, 1)
         fast_loop.run_until_event(0, outputs, 0, 0)
@@ -75,7 +75,7 @@ def warm_replay(estimator: Estimator, settings: Settings) -> None:
 
 
 def warm_analysis() -> None:
-    """Compile, or load, the kernels with which commands look at recordings."""
+    """Compile, or load, the kernels with which commands read recordings."""
     from .ros2.messages import fill_measured
     from .ros2.reckoning import BODY_VELOCITY, MOTION, RECKONING, body_velocities, follow_body
     from .sensor_errors.noise import allan_variances

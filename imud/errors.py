@@ -1,4 +1,4 @@
-"""What can go wrong, each with its exit code (README.md has the list). A message says what, where, and what to do."""
+"""What can go wrong, each with its exit code (docs/settings.md). A message says what, where, and what to do."""
 
 
 class ImudError(Exception):

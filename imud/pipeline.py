@@ -145,7 +145,7 @@ class Filter:
         return _checkpoint_digest(self.estimator.name, kind, self.parameters.tobytes(), self.correction.tobytes())
 
     def watch_over(self, sensor: ImuConfigured) -> None:
-        """From now on, monitor this sensor, by the ranges that the user gives, else by its own where it tells them."""
+        """From now on, monitor this sensor, by the ranges that the user gives, else by those that it reports."""
         ranges = {
             name: value for name in ("gyro_range", "accel_range") if math.isfinite(value := getattr(sensor, name))
         }
@@ -250,12 +250,9 @@ class Filter:
 
     def pending_innovations(self) -> Records:
         """The innovations (INNOVATION) of the samples since the last call of this; valid until the next one."""
-        n = (
-            0
-            if self.estimator.pending_innovations is None
-            else self.stages.pending_innovations(self.state, self._innovations)
-        )
-        return self._innovations[:n]
+        if self.estimator.pending_innovations is None:
+            return self._innovations[:0]
+        return self._innovations[: self.stages.pending_innovations(self.state, self._innovations)]
 
     def filter_states(self) -> Records:
         """What the estimator has found beside its newest solution: a row of FILTER_STATES, or none."""

@@ -29,20 +29,19 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 # The files that take longest come first: what begins late is waited for at the end. Those of daemons wait most of their
 # time, the others compute: so the two kinds alternate, and there are more workers than processors.
-FIRST = (
-    *("daemon_spares", "same_bits", "faults_daemon", "golden_coverage", "recording", "web", "daemon_spare_restarts"),
-    *("daemon", "golden", "plugins", "consistency", "gpsd_fake", "daemon_seraccel", "compile_library", "daemon_spi"),
-    *("daemon_receiver_alone", "mutate", "daemon_iio", "takeover", "nmea_mtk", "notebooks", "comparison", "foxglove"),
-    *("power_on", "sensor", "fault_matrix", "replay", "status", "report", "c_reference", "sim_ports", "faults"),
-    *("aiding_live", "probe", "sim_iio_polled", "navigation_heading_posterior", "soak", "demo", "calibrate_recordings"),
-    *("daemon_crossbow", "fuzz", "hot_path", "riss", "clock", "navigation_magnetometer", "ros2_node", "iio_polled"),
-)
+FIRST = """
+    daemon_spares same_bits faults_daemon golden_coverage recording web_page daemon_spare_restarts daemon golden
+    plugins consistency gpsd_fake daemon_seraccel compile_library daemon_spi daemon_receiver_alone mutate daemon_iio
+    takeover nmea_mtk notebooks comparison foxglove power_on sensor fault_matrix replay status report c_reference
+    sim_ports faults aiding_live probe sim_iio_polled navigation_heading_posterior soak demo calibrate_recordings
+    daemon_crossbow fuzz hot_path riss clock navigation_magnetometer ros2_node iio_polled
+"""
 
 
 def pytest_collection_modifyitems(items):
     """Sort by file: FIRST, then the others by name."""
-    places = {f"test_{name}.py": place for place, name in enumerate(FIRST)}
-    items.sort(key=lambda item: (places.get(item.path.name, len(FIRST)), item.path))
+    places = {f"test_{name}.py": place for place, name in enumerate(FIRST.split())}
+    items.sort(key=lambda item: (places.get(item.path.name, len(places)), item.path))
 
 
 def pytest_configure(config):

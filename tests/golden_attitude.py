@@ -9,7 +9,6 @@ from imud.configuration.settings import Imu, Initial, Settings
 
 UNDRIVEN, HEADED = Initial(), Initial(yaw_deg=20.0)
 BIASES = Flaws(gyro_bias=(0.2 * DEG, -0.1 * DEG, 0.15 * DEG), accel_bias=(2.0 * MG, -3.0 * MG, 1.0 * MG))
-LSB = 0.0125 * DEG, 0.125 * MG  # of the M-G350
 COUNT = 2000.0 * DEG / 2**15  # of a gyro of 2000 deg/s and 16 bits
 
 
@@ -35,13 +34,6 @@ def shown(truth, flaws=BIASES, seed=0):
 
 def judged(samples, initial=UNDRIVEN, profile="m-g350", estimator="attitude"):
     return Recording(estimator, samples, settings=Settings(imu=Imu(profile=profile)), initial=initial)
-
-
-def counted(samples):
-    """As a sensor of whole counts shows it: one whose values stand still is then known to be frozen."""
-    for name, lsb in zip("wf", LSB, strict=True):
-        samples[name] = np.rint(samples[name] / lsb) * lsb
-    return samples
 
 
 @golden("attitude")

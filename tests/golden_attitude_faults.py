@@ -2,7 +2,8 @@
 
 import numpy as np
 from attitude_simulation import DEG, MG, G, after, simulate
-from golden_attitude import BIASES, HEADED, counted, judged, lively, shown, wobble
+from golden_attitude import BIASES, HEADED, judged, lively, shown, wobble
+from golden_data import counted
 from golden_run import golden
 from scipy.spatial.transform import Rotation
 

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from imud.configuration.settings import Aiding, Imu, Initial, Navigation, Settings
 
 RATE = 100
-
-
+LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
 HEADED = Initial(yaw_deg=math.degrees(0.7))  # how a `drive` begins
 
 
@@ -30,6 +29,13 @@ def data(d=None, seed=1, late=0.2, **how):
     """(samples, fixes) of a consumer sensor and a receiver on a drive."""
     d, rng = d or road(), random(seed)
     return sensed(d, rng), received(d, rng, late=late, **how)
+
+
+def counted(samples):
+    """As a sensor of whole counts shows it: one whose values stand still is then known to be frozen."""
+    for name, lsb in zip("wf", LSB, strict=True):
+        samples[name] = np.rint(samples[name] / lsb) * lsb
+    return samples
 
 
 def seconds(rows):

@@ -4,16 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from golden_data import HEADED, RATE, between, data, moved, navigated, random, road, stop_and_go
+from golden_data import HEADED, RATE, between, counted, data, moved, navigated, random, road, stop_and_go
 from golden_run import golden
 from navigation_simulation import received, sensed
 from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Imu
 from imud.drivers.sample import POWER_ON, RECONNECTED, SUSPECT
-
-LSB = math.radians(0.0125), 0.125e-3 * 9.80665  # of the M-G350
-
 
 G350 = Imu(profile="m-g350")
 
@@ -93,13 +90,6 @@ def long_gap():
     """Longer than is bridged."""
     samples, fixes = data(seed=21)
     return navigated(samples[~between(samples, 70.0, 110.0)], fixes, HEADED)
-
-
-def counted(samples):
-    """As a sensor of whole counts shows it: one whose values stand still is then known to be frozen."""
-    for name, lsb in zip("wf", LSB, strict=True):
-        samples[name] = np.rint(samples[name] / lsb) * lsb
-    return samples
 
 
 @golden("navigation")

@@ -7,7 +7,7 @@ import pytest
 
 from imud.batch import play
 from imud.commands.bench import reference, signals
-from imud.commands.bench.throughput import CReplay, new_pipeline
+from imud.commands.bench.throughput import CReplay, attitude_pipeline
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.records import SOLUTION
@@ -63,7 +63,7 @@ def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
     frames = signals.frames(SECONDS * signals.RATE_HZ)
     wire = frames.tobytes()
     wire = np.frombuffer(wire[:5000] + b"junk\r" + wire[5000:90_000] + wire[91_001:], np.uint8).copy()
-    pipeline = new_pipeline("attitude")
+    pipeline = attitude_pipeline()
     text, memory = reference.pipeline_source(pipeline)
     export = "void *decoder(void) { return DECODER; }\nvoid *solutions(void) { return SOLUTIONS; }\n"
     (tmp_path / "main.c").write_text((reference.SOURCES / "replay.c").read_text() + export)
@@ -71,7 +71,7 @@ def test_the_whole_path_from_bytes_in_c_gives_the_same_solutions(tmp_path):
     for chunk in (7, 22, 1000):
         begin = ctypes.c_char_p(memory)
         theirs = reference.call(library.replay, reference.pointer(wire), len(wire), chunk, 45_454, begin)
-        pipeline = new_pipeline("attitude")
+        pipeline = attitude_pipeline()
         total = 0
         for at in range(0, len(wire), chunk):
             part = wire[at : at + chunk]

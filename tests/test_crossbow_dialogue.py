@@ -16,8 +16,6 @@ from imud.drivers.driver import Identity, Options, Unsupported
 from imud.drivers.epson.driver import DRIVER as EPSON
 from imud.firmware_sim.uart import garble
 
-G = 9.80665
-
 
 class Rga(Line):
     """A unit in memory, after the papers. sends: its packets; silent: commands that it does not know; each answer

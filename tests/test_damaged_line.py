@@ -59,12 +59,13 @@ def pipeline(estimator, driver, identity, rate_hz, frame_bytes, profile):
     return made
 
 
-def ingest(pipe, chunks, period_ns):
-    """(samples, solutions) of these chunks of bytes, one a period."""
+def ingest(pipe, chunks, period_ns, read=1):
+    """(samples, solutions) of these chunks of bytes, one a period, of which `read` are received at a time."""
     samples, solutions = [], []
-    for k, chunk in enumerate(chunks):
-        pipe.rx[pipe.fill : pipe.fill + len(chunk)] = chunk
-        n = pipe.ingest(len(chunk), (k + 1) * period_ns)
+    for k in range(read, len(chunks) + 1, read):
+        received = np.concatenate(chunks[k - read : k])
+        pipe.rx[pipe.fill : pipe.fill + len(received)] = received
+        n = pipe.ingest(len(received), k * period_ns)
         samples.append(pipe.samples[:n].copy())
         solutions.append(pipe.solutions[:n].copy())
     return np.concatenate(samples), np.concatenate(solutions)
@@ -82,7 +83,7 @@ def tilt_errors(motion, estimator, share, seed):
     rpy, raw = motion(rng)
     rows = flipped(frames(raw), share, rng)
     pipe = pipeline(estimator, "epson", "M-G350", 1000.0, 22, "m-g350")
-    _, out = ingest(pipe, rows, 1_000_000)
+    _, out = ingest(pipe, rows, 1_000_000, read=10)
     t = out["t_ns"] * 1e-9 - 1e-3
     truth = np.degrees([np.interp(t, T, rpy[:, i]) for i in range(2)]).T
     errors = np.abs(euler_deg(out["q_nb"])[:, :2] - truth)
@@ -113,7 +114,7 @@ def test_vibration_is_not_taken_for_damage_where_frames_are_torn(hz):
     size = np.repeat((100.0 / DPS_PER_LSB, 3.0 / G_PER_LSB), 3)
     raw += np.round(size * np.sin(2.0 * np.pi * hz * T[:, None] + np.arange(6)) * (T[:, None] > BEGIN)).astype(np.int64)
     chunks = [np.delete(row, 7) if k % 100 == 50 else row for k, row in enumerate(frames(raw))]
-    samples, _ = ingest(pipeline("attitude", "epson", "M-G350", 1000.0, 22, "m-g350"), chunks, 1_000_000)
+    samples, _ = ingest(pipeline("attitude", "epson", "M-G350", 1000.0, 22, "m-g350"), chunks, 1_000_000, read=10)
     assert (samples["flags"] & SUSPECT != 0).mean() < 0.01
 
 

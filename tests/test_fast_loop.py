@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from imud import client
 from imud.commands.bench import signals
-from imud.commands.bench.throughput import new_pipeline
+from imud.commands.bench.throughput import attitude_pipeline
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.configuration.settings import Stream as StreamSettings
@@ -53,7 +53,7 @@ class Rig:
         self.reader, self.writer = os.pipe()
         os.set_blocking(self.reader, False)
         stack.callback(os.close, self.reader)
-        self.pipeline = new_pipeline("attitude")
+        self.pipeline = attitude_pipeline()
         self.fast_loop.attach(self.reader, self.pipeline, STALE_NS)
         self.fast_loop.note(time.monotonic_ns())
         self._at = 0
@@ -98,7 +98,7 @@ def test_what_comes_is_published_and_python_is_not_returned_to(rig):
 
 
 def test_solutions_are_those_of_the_same_bytes_given_by_python(rig):
-    other = new_pipeline("attitude")
+    other = attitude_pipeline()
     for at in range(0, 22_000, 50):
         rig.write(WIRE[at : at + 50])
         assert rig.turn(for_ns=0) == 0
@@ -146,7 +146,7 @@ def test_bytes_are_timed_after_they_are_read(monkeypatch):
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=30))
 def test_any_chunks_give_every_sample_once(chunks):
-    pipeline = new_pipeline("attitude")
+    pipeline = attitude_pipeline()
     with (
         contextlib.closing(FastLoop()) as fast_loop,
         contextlib.closing(BinaryOutputs(Settings(), fast_loop.others, 256)) as none,

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 from navigation_simulation import drive, errors, received, sensed
+from replay_in_process import replay
 
-from imud.batch import play
 from imud.configuration.settings import Aiding, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
@@ -55,17 +55,14 @@ def live(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a fro
 
 def played(samples, fixes, measurements, settings=Settings()):  # noqa: B008 a frozen value
     """The same by whole blocks: (solutions, all innovations)."""
-    blocks, innovations = [], []
     filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
-    rows = measurements[np.argsort(measurements["arrival_ns"], kind="stable")]
-    play(filter_, samples.copy(), fixes, lambda block: blocks.append(block.copy()), None, innovations.append, rows)
-    return np.concatenate(blocks), np.concatenate(innovations)
+    return replay(filter_, samples, fixes, measurements[np.argsort(measurements["arrival_ns"], kind="stable")])
 
 
 def found_of_sources(samples, fixes, measurements, settings):
     """What the filter has found out of the sources at the end, by their codes."""
     filter_ = Filter(registry.by_name("navigation"), settings, Initial(), 100.0)
-    play(filter_, samples.copy(), fixes, lambda _: None, None, lambda _: None, measurements)
+    replay(filter_, samples, fixes, measurements)
     return filter_.estimator.source_estimates(filter_.state)
 
 

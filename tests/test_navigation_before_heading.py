@@ -179,19 +179,18 @@ def test_who_climbs_as_the_first_fix_comes_does_so_from_then_on():
 
 
 def test_from_antenna_to_sensor_and_back_changes_nothing():
-    p = ESTIMATOR.configure(Settings(navigation=Navigation(lever_arm_m=LEVER)), 100.0)[0]
     c = ESTIMATOR.start(ESTIMATOR.configure(Settings(), 100.0), Initial(lat_deg=48.0, lon_deg=11.0, height_m=500.0))[0]
     c = c["core"][0]
     c["nav"]["q_nb"] = [0.5, 0.5, -0.5, 0.5]
     c["nav"]["v_n"] = [3.0, -4.0, 1.0]
     c["nav"]["gnss_lever_arm"], c["imu"]["w"] = LEVER, [0.1, -0.2, 0.3]
-    transfer_lever_arm(p, c, -1.0)
+    transfer_lever_arm(c, -1.0)
     assert c["nav"]["lat"] == np.radians(48.0)  # given by a user: it is the sensor's
     c["gnss"]["last_used_ns"] = 0
     C = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])  # that attitude as a matrix
     arm, v = C @ LEVER, [3.0, -4.0, 1.0] - C @ np.cross([0.1, -0.2, 0.3], LEVER)
     place, P = (float(c["nav"]["lat"]), float(c["nav"]["lon"]), float(c["nav"]["height"])), c["cov"]["P"].copy()
-    transfer_lever_arm(p, c, 1.0)
+    transfer_lever_arm(c, 1.0)
     variance = lambda P, i: P[packed_index(STATES, i, i)]  # noqa: E731
     swung = arm[2] ** 2 * variance(P, ATTITUDE) + arm[0] ** 2 * variance(P, ATTITUDE + 2)
     gained = variance(c["cov"]["P"], POSITION + 1) - variance(P, POSITION + 1)
@@ -200,7 +199,7 @@ def test_from_antenna_to_sensor_and_back_changes_nothing():
     moved = [(c["nav"]["lat"] - place[0]) * (m + 500.0), (c["nav"]["lon"] - place[1]) * (n + 500.0) * np.cos(place[0])]
     assert [*moved, place[2] - c["nav"]["height"]] == pytest.approx(-arm, abs=1e-5)
     assert c["nav"]["v_n"] == pytest.approx(v)
-    transfer_lever_arm(p, c, -1.0)
+    transfer_lever_arm(c, -1.0)
     assert (c["nav"]["lat"], c["nav"]["lon"], c["nav"]["height"]) == pytest.approx(place, abs=1e-12, rel=1e-12)
     assert c["nav"]["v_n"] == pytest.approx([3.0, -4.0, 1.0])
     assert c["cov"]["P"] == pytest.approx(P, rel=1e-9)

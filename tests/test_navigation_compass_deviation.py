@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from fault_matrix import DEGREES, scene, settings_of
 from navigation_simulation import errors
-from replay_in_process import new_filter
+from replay_in_process import new_filter, replay
 from test_navigation_aiding import headings
 
-from imud.batch import play
 from imud.estimators.records import HEADING_VALID
 
 SIGMA = np.radians(0.5)
@@ -26,9 +25,8 @@ def run(where, seed, deviation, every_s=0.2, gyro_scale=0.0):
     way = np.cumsum(np.hypot(d.v[:, 0], d.v[:, 1])) * (d.t[1] - d.t[0])
     rows["value"][:, 0] += deviation(t, np.interp(t, d.t, way), rows["value"][:, 0])
     rows["value"][:, 0] = np.round(rows["value"][:, 0], 9)
-    filter_, blocks = new_filter("navigation", samples, settings_of(None, where)), []
-    play(filter_, samples, fixes, lambda block: blocks.append(block.copy()), None, lambda innovations: None, rows)
-    out = np.concatenate(blocks)
+    filter_ = new_filter("navigation", samples, settings_of(None, where))
+    out, _ = replay(filter_, samples, fixes, rows)
     error, sigma = np.abs(np.degrees(errors(d, out)[2][:, 2])), np.degrees(out["sigma_rpy"][:, 2])
     sure = (error > DEGREES) & (error > 4.0 * sigma) & (out["status"] & HEADING_VALID != 0) & (d.t > 50.0)
     found = filter_.state["core"][0, 0]["heading_aid"]

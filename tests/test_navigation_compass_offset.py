@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
-from replay_in_process import new_filter
+from replay_in_process import new_filter, replay
 from scipy.spatial.transform import Rotation
 from test_navigation_aiding import estimated, headings
 from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
 
-from imud.batch import play
 from imud.configuration.settings import Aiding, Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, HEADING_BORESIGHT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING_VALID
@@ -35,11 +34,11 @@ def run(seconds, wrong=0.0, settings=FREE, begin_s=0.0, in_units=1.0, reported=N
         rows["sigma"][:, 0] = np.radians(reported)
     rows["value"][:, 0] = np.mod(rows["value"][:, 0], 2.0 * np.pi) * in_units
     filter_ = new_filter("navigation", samples, settings)
-    end_ns, blocks = int(1e9 * (100.0 + seconds)), []
+    end_ns = int(1e9 * (100.0 + seconds))
     fixes, rows = fixes[fixes["arrival_ns"] < end_ns], rows[rows["arrival_ns"] < end_ns]
     samples = samples[samples["t_ns"] < end_ns]
-    play(filter_, samples, fixes, lambda block: blocks.append(block.copy()), None, lambda innovations: None, rows)
-    return filter_.state["core"][0, 0].copy(), np.concatenate(blocks)
+    out, _ = replay(filter_, samples, fixes, rows)
+    return filter_.state["core"][0, 0].copy(), out
 
 
 @pytest.mark.parametrize("settings", [WIDE, KNOWN])

@@ -353,7 +353,7 @@ def transferred(seed, state, step):
     c.scratch.x[state] = step
     as_python(inject_error)(parameters, c)
     c.cov.P[:] = [i == k and i != TIME_OFFSET for i in range(STATES) for k in range(i, STATES)]
-    as_python(transfer_lever_arm)(parameters, c, 1.0)
+    as_python(transfer_lever_arm)(c, 1.0)
     north, east = as_python(ned_difference)(c, start[0], start[1], c.nav.lat, c.nav.lon)
     return np.array([north, east, start[2] - c.nav.height, *c.nav.v_n]), c.cov.P.copy()
 

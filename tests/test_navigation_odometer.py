@@ -11,8 +11,7 @@ from imud.configuration.settings import Navigation, Settings
 from imud.estimators.records import COASTING, HEADING_VALID, MEASUREMENT, ODOMETER, ODOMETER_SOURCE, REJECTING
 
 SIGMA = 0.05
-AT_SENSOR = Settings(navigation=Navigation(lever_arm_sigma_m=0.0))  # of the antenna
-WARM = Settings(  # and the receiver does not average
+WARM = Settings(  # with the antenna at the sensor; the receiver does not average
     navigation=Navigation(lever_arm_sigma_m=0.0, tuning={"warm_up_share": 0.0, "averaging_delay_sigma": 2e-4})
 )
 

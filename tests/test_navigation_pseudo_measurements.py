@@ -5,8 +5,8 @@ import pytest
 from in_c import in_c
 from navigation_runner import navigate
 from navigation_simulation import drive, received, sensed
+from replay_in_process import replay
 
-from imud.batch import play
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators import registry
@@ -36,9 +36,7 @@ def innovations_of(samples, fixes):
     """(solutions, innovations) as `imud replay` has them, of a sensor that is warm."""
     settings = Settings(navigation=Navigation(tuning={"warm_up_share": 0.0}))
     filter_ = Filter(registry.by_name("navigation"), settings, Initial(yaw_deg=np.degrees(0.7)), RATE)
-    out, rows = [], []
-    play(filter_, samples, fixes, lambda r: out.append(r.copy()), None, rows.append)
-    return np.concatenate(out), np.concatenate(rows)
+    return replay(filter_, samples, fixes)
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,11 @@ import pytest
 from fault_matrix import SOURCES, judged, scene, settings_of
 from in_c import in_c
 from msgspec.structs import replace
-from replay_in_process import new_filter
+from replay_in_process import new_filter, replay
 from scipy.spatial.transform import Rotation
 from test_navigation_aiding import estimated, headings
 from test_navigation_covariance import made
 
-from imud.batch import play
 from imud.configuration.settings import Aiding
 from imud.estimators.ins.boresights import set_velocity_row
 from imud.estimators.ins.ekf import set_jacobian
@@ -52,11 +51,9 @@ def turned(where, rpy_deg, seed=SEED, compass=None, knock_deg=0.0, **aiding):
         rows = rows[np.argsort(rows["arrival_ns"], kind="stable")]
     settings = replace(settings_of(None, where), aiding=Aiding(**aiding))
     filter_ = new_filter("navigation", samples, settings)
-    blocks, innovations = [], []
-    play(filter_, samples.copy(), fixes, lambda block: blocks.append(block.copy()), None, innovations.append, rows)
-    innovations = np.concatenate(innovations)
+    out, innovations = replay(filter_, samples, fixes, rows)
     core = filter_.state["core"][0, 0].copy()
-    return core, judged(d, np.concatenate(blocks)), innovations[innovations["kind"] == EXTERNAL_VX]
+    return core, judged(d, out), innovations[innovations["kind"] == EXTERNAL_VX]
 
 
 def mounting(core):

@@ -4,9 +4,10 @@ import time
 
 import numpy as np
 import pytest
+from emulated import REST, UTC, Emulated
 from nmea_lines import gga, line, rmc, vtg
 from processes import TIMEOUT_S, daemon, emulator
-from scripted import Line, Speaker, run
+from scripted import Speaker, run
 
 from imud.configuration.settings import Settings
 from imud.drivers.detect import detect
@@ -17,9 +18,7 @@ from imud.drivers.transport.dialogue_runner import run_dialogue
 from imud.drivers.transport.portspec import PortSpec
 from imud.drivers.transport.serial import SerialPort
 from imud.firmware_sim.fixes import SimulatedFixes
-from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.nmea import FvM11
-from imud.firmware_sim.scenarios import SCENARIOS
 from imud.setup import choices
 from imud.setup.config import load
 
@@ -45,29 +44,21 @@ def test_mediatek_receivers_identify_themselves():
     assert not speaks_mtk(b"$PMTK010,001*2F\r\n" + gga())
 
 
-class Device(Line):
+class Device(Emulated):
     """The emulated receiver on a wire in memory. deaf: commands that it does not receive."""
 
     def __init__(self, baud=9600, deaf=(), **options):
-        super().__init__(baud)
-        trajectory = Trajectory(SCENARIOS["rest"](0.0, 0.0, 0.0), 35.0, 139.0, 60.0)
-        source = SimulatedFixes(trajectory, np.random.default_rng(1), 1.8e9, True)
-        self.unit = FvM11(source, 1.8e9, baud=baud, no_fix_s=0.0, **options)
+        source = SimulatedFixes(REST, np.random.default_rng(1), UTC, True)
+        super().__init__(FvM11(source, UTC, baud=baud, no_fix_s=0.0, **options))
         self.deaf = {str(number) for number in deaf}
         self.commands = []
 
     def receive_from(self, data):
-        self.written += data
         number = data[5:8].decode()
         if data:
             self.commands.append(number)
         if number not in self.deaf:
-            self.unit.receive(self.unit.uart.receive_from(data, self.host_baud), self.now_s)
-
-    def pass_time(self, seconds):
-        super().pass_time(seconds)
-        self.unit.advance(self.now_s)
-        self.outgoing += self.unit.uart.take(self.now_s, self.host_baud)
+            super().receive_from(data)
 
     def listen(self, seconds):
         """What it says from now on."""

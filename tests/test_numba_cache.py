@@ -3,13 +3,10 @@
 import os
 import shutil
 import time
-from pathlib import Path
 
 import pytest
 
 from imud.compile import numba_cache
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy  # imports scipy.stats when it is used
 from in_c import Module
+from replay_in_process import replay
 from scipy.linalg import expm
 
-from imud.batch import play
 from imud.configuration.settings import Imu, Initial, Settings
 from imud.estimators import registry
 from imud.estimators.papers import stationary
@@ -203,9 +203,7 @@ def test_design_parameters_are_settings():
 def test_residuals_are_written_as_innovations():
     samples = m_g350(np.random.default_rng(6), np.arange(1001) / 100.0, *level_at_rest(1001))
     filter_ = Filter(registry.by_name("stationary"), SETTINGS, LEVEL, 100.0)
-    noted = []
-    play(filter_, samples, np.zeros(0, FIX), lambda solutions: None, on_innovations=noted.append)
-    noted = np.concatenate(noted)
+    _, noted = replay(filter_, samples)
     assert [list(noted["kind"]).count(kind) for kind in (REST_POSITION_X, REST_POSITION_Y, REST_POSITION_Z)] == [10] * 3
     along_x = noted[noted["kind"] == REST_POSITION_X]
     p, u = stationary.configure(SETTINGS, 100.0), samples["f"][:, 0]

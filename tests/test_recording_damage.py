@@ -205,7 +205,6 @@ def _chunk(data: bytes, compression: str, said: int) -> bytes:
 
 
 BOMB = 200 << 20  # bytes
-UNSIZED = zstandard.ZstdCompressor(write_content_size=False)
 BOMBS = {
     "zstd": lambda: (zstandard.compress(bytes(BOMB)), "zstd", BOMB),
     "zstd that says it is small": lambda: (zstandard.compress(bytes(BOMB)), "zstd", 100),

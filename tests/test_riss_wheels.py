@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 from in_c import Module
+from replay_in_process import replay
 from riss_runs import RATE_HZ, SETTINGS, errors
 from simulated import motion, received, sensed
 from test_riss import UPPER, nominal, some_state
 
-from imud.batch import NO_MEASUREMENT, play
+from imud.batch import NO_MEASUREMENT
 from imud.configuration.settings import Initial
 from imud.estimators import registry
 from imud.estimators.filter_states import cells
@@ -58,10 +59,7 @@ def driven(seed, outage=(150.0, 180.0), seconds=190.0, change=None, with_wheels=
     if change:
         change(aiding)
     filter_ = Filter(registry.by_name("riss"), SETTINGS, Initial(), RATE_HZ)
-    out, noted = [], []
-    play(filter_, samples, fixes, lambda rows: out.append(rows.copy()), on_innovations=noted.append,
-         aiding=aiding if with_wheels else NO_MEASUREMENT)  # fmt: skip
-    return m, np.concatenate(out), np.concatenate(noted), filter_
+    return m, *replay(filter_, samples, fixes, aiding if with_wheels else NO_MEASUREMENT), filter_
 
 
 @pytest.mark.parametrize("is_signed", [True, False])
@@ -160,9 +158,7 @@ def samples_and_fixes(seed=1, seconds=120.0):
 
 
 def played(filter_, samples, fixes):
-    out = []
-    play(filter_, samples.copy(), fixes, lambda rows: out.append(rows.copy()))
-    return np.concatenate(out)
+    return replay(filter_, samples, fixes)[0]
 
 
 def fresh():

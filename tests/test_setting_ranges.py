@@ -24,7 +24,7 @@ from imud.estimators.records import FIX, SOLUTION
 from imud.outputs.all import Outputs
 from imud.outputs.gpsd_dialogue import _WatchArgument
 from imud.pipeline import Filter
-from imud.recording.writer import Thinner
+from imud.recording.thinner import Thinner
 from imud.setup import config
 
 SECOND = 1_000_000_000

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_sim_g350 import READY, ask
 
 from imud.firmware_sim.g370 import G364, G370, VARIANTS, Windowed
 from imud.firmware_sim.noise import IDEAL, ImuErrors
 
 DEG, G = math.pi / 180.0, 9.80665
-READY = 0.9  # s; start-up is over
 FOREVER = 1e6
 
 
@@ -27,12 +27,6 @@ class Still:
 
 def device(variant=G364, **options):
     return Windowed(variant, Still(), ImuErrors(IDEAL, np.random.default_rng(1), 2000.0), **options)
-
-
-def ask(unit, command, t=READY):
-    """Send bytes in hex, return what comes back within a millisecond, in hex; spaces are free."""
-    unit.receive(bytes.fromhex(command), t)
-    return unit.uart.take(t + 1e-3, unit.uart.baud).hex(" ").upper()
 
 
 def word(unit, window, address, t=READY):

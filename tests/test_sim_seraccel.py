@@ -14,7 +14,6 @@ from imud.firmware_sim.seraccel import BAUDS, MODES, MV_PER_G, RATE_MAX_HZ, SerA
 
 G = STANDARD_GRAVITY
 READY = 1.0  # s; the menu has been said, at any speed
-FOREVER = 1e6
 
 
 class Signal:

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from .. import elementary
 from ..jit import kernel
-from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
+from ..sample import DEVICE_ERROR, SATURATED, STANDARD_GRAVITY, SUSPECT
 from ..spikes import SPIKES, is_spike
 from ..words import Bytes, byte, move_to_front, signed, word
 from . import packet
 from .packet import CHECKSUM, CONVENTIONS, HEADER, LENGTH, PITCH, RANGE_LSB, ROLL, SURE, TEMPERATURE, YAW_RATE
 from .timer import TIMER, ticks_since
 
-SPIKE_RADPS2, SPIKE_MPS3 = math.radians(2500.0), 50.0 * packet.STANDARD_GRAVITY  # changes beyond those of a vehicle
+SPIKE_RADPS2, SPIKE_MPS3 = math.radians(2500.0), 50.0 * STANDARD_GRAVITY  # changes beyond those of a vehicle
 SPIKE_PERIOD_MAX_S = 0.02  # longest time for which these hold
 FAULTS = packet.ACCEL_FAILED | packet.ZERO_INVALID
 ANGLE_SCALE, RATE_SCALE, ACCEL_SCALE = packet.ANGLE_SCALE, packet.RATE_SCALE, packet.ACCEL_SCALE

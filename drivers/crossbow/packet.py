@@ -10,12 +10,13 @@ bytes. The timer (a down-counter of 0.79 us in relatives) and the temperature fo
 
 import math
 
+from ..sample import STANDARD_GRAVITY
+
 HEADER = b"\xaa\x55"
 LENGTH = 24
 BODY = slice(2, 22)  # what the checksum covers
 ROLL, PITCH, YAW_RATE, ACCEL, TIMER, TEMPERATURE, PART, BIT, CHECKSUM = 2, 4, 6, 8, 14, 16, 18, 20, 22
 
-STANDARD_GRAVITY = 9.80665  # m/s^2
 TICK_NS = 790  # of the timer
 ANGLE_SCALE = math.pi / 32768.0  # rad per LSB
 RATE_SCALE = math.radians(100.0 * 1.5) / 32768.0  # rad/s per LSB, AR = 100 deg/s

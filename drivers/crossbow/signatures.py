@@ -1,6 +1,6 @@
 """Recognition of a Crossbow DMU in a piece of its stream, in plain Python: the RGA's packets, and related models'.
 
-A relative is named, not decoded: its ranges follow from its order number, which a stream does not tell.
+A relative is named, not decoded: its ranges follow from its order number, which a stream does not contain.
 Sources: Moog Crossbow VG700MB manual (7430-0280-01); public drivers of the AHRS400, VG and 440 series.
 """
 

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from ..driver import ImuConfigured
 from ..jit import kernel
+from ..sample import STANDARD_GRAVITY
 from .dialects import WINDOWED
 from .flat import CONSTANT, SHORT, decode_flat
-from .models import G350, STANDARD_GRAVITY, model_of
+from .models import G350, model_of
 from .state import new_state
 from .windowed import NUMBERED, READABLE, decode_windowed
 

@@ -8,10 +8,9 @@ rated ones of Epson's product pages.
 import math
 from dataclasses import dataclass, field
 
+from ..sample import STANDARD_GRAVITY
 from .dialects import FLAT, WINDOWED, Dialect
 from .registers import Register, Setting
-
-STANDARD_GRAVITY = 9.80665  # m/s^2
 
 
 @dataclass(frozen=True)

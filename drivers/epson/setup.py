@@ -34,9 +34,7 @@ RESET_S = 0.8
 TEST_POLLS, TEST_S = 10, 0.1  # it takes 80 to 150 ms
 STREAM_S = 1.0
 WIRE_SHARE = 0.96  # of the line's capacity that a stream may take
-REQUESTS_PER_SAMPLE = (
-    1.25  # requests per sample in polled mode: no sample is missed although the two clocks are not in step
-)
+REQUESTS_PER_SAMPLE = 1.25  # in polled mode: no sample is missed although the two clocks are not in step
 COMMAND_BYTES, STALL_S = 3, 90e-6  # of a request; its time besides the bytes (M-G362PDC1 data sheet, timing)
 SAMPLE_ANSWERS, POLL_S = 4, 0.05  # polled frames that show the layout; time for each
 WRITES = 3  # attempts for a setting that the sensor does not keep: the command may have been damaged

@@ -4,7 +4,7 @@ gpsd may send several TPV for one epoch, each with more: those of one time are m
 them as the epoch before had; else with the next epoch, or when the line has been silent. TOFF is sent as the epoch
 begins, so its arrival is that of the epoch's first byte. Of several devices only one is used, until it has had no fix
 for some seconds. Not used: epx, epy and epv, which gpsd estimates from the dilution unless the receiver reported them,
-and climb and velD, which are differences of heights unless the receiver reported them; a report does not tell which.
+and climb and velD, which are differences of heights unless the receiver reported them; a report does not say which.
 """
 
 from collections import Counter

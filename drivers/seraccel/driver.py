@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..dialogue import Dialogue
 from ..driver import Identity, ImuConfigured, Options
+from ..sample import STANDARD_GRAVITY
 from .protocol import TIMEOUT_S, measure_rate, probe, reach_stream
-from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, STANDARD_GRAVITY, range_of
+from .ranges import FULL_COUNT, LOW_PASS_NS, MODEL, RANGES, range_of
 from .signatures import StreamedSamples, firmware_in, menu_in, range_in, stream_in
 
 PROFILE = "mma7260"

@@ -12,7 +12,7 @@ anyway, or minus signs have explained such differences before (a board without a
 minus). There is no counter: a line is one tick, and so is the length of a line of junk before it, or a part of it.
 
 The board reports +1 g on the axis that points up: z, when it lies level with its parts up. That is specific force in
-axes x forward, y left, z up, turned to FRD here. For z it is sure: the successor's factory test wants 0.8 to 1.2 g of
+axes x forward, y left, z up, turned to FRD here. For z it is sure: the successor's factory test demands 0.8 to 1.2 g of
 a board on the table, and the sensor's data sheet says so. That x and y follow the same rule in right-handed axes is
 inferred; a unit that does not needs a mounting of its own.
 
@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import kernel
-from ..sample import SATURATED, SUSPECT
+from ..sample import SATURATED, STANDARD_GRAVITY, SUSPECT
 from ..spikes import SPIKES, count_frame, is_spike
 from ..words import Bytes, move_to_front, word
-from .ranges import FULL_COUNT, STANDARD_GRAVITY, Range
+from .ranges import FULL_COUNT, Range
 from .text import LETTER_X, MINUS, NO_NUMBER, read_line, skip_blanks
 
 FRAME = 8  # bytes of a binary frame

@@ -6,7 +6,8 @@ board's successor (ryowens84/Serial-Accelerometer-Dongle).
 
 from dataclasses import dataclass
 
-STANDARD_GRAVITY = 9.80665  # m/s^2
+from ..sample import STANDARD_GRAVITY
+
 SUPPLY_MV = 3300.0
 FULL_COUNT = 1023  # the converter's answer to the supply
 SWING_MV = SUPPLY_MV / 2.0 - 250.0  # the output comes no nearer to supply and ground than 0.25 V

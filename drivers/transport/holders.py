@@ -57,7 +57,7 @@ def _holds(pid: int, status: os.stat_result) -> bool:
             continue
         if is_pty(status) and other.st_rdev == PTMX and _drives(pid, descriptor, status):
             return False
-        # each container numbers its pseudo-terminals anew: the file system tells them apart
+        # each container numbers its pseudo-terminals anew: the file system distinguishes them
         same_system = not is_pty(status) or other.st_dev == status.st_dev
         holds |= other.st_rdev == status.st_rdev and same_system
     return holds

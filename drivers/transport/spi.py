@@ -57,7 +57,7 @@ class SpiPort:
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """overruns: samples overwritten before they were fetched, as far as edges tell; torn: overwritten meanwhile.
+        """overruns: samples overwritten before they were fetched, as far as edges show; torn: overwritten meanwhile.
 
         unannounced: samples fetched by time although there is a data-ready line.
         """

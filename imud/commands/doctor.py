@@ -103,7 +103,7 @@ def console(root: Path) -> Iterator[Finding]:
 
     def finding(uart: str, what: str, remedy: str) -> Finding:
         if os.path.realpath(root / "dev" / uart) in ports:
-            return Finding("problem", f"{what} and a service of imud wants that port", remedy)
+            return Finding("problem", f"{what} and a service of imud uses that port", remedy)
         return Finding("note", what, f"if a sensor is to be on {uart}: {remedy}")
 
     for uart in _UARTS.findall(_text(root / "proc/cmdline")):

@@ -44,7 +44,7 @@ def drivers(root: Path = ROOT) -> set[str]:
 def processor(program: bytes | memoryview) -> bytes:
     """The kind of processor that an ELF file is for: its class, byte order and machine (elf(5)).
 
-    The name of the running kernel does not tell: it may be of 64 bits and this program of 32.
+    The name of the running kernel does not show it: it may be of 64 bits and this program of 32.
     """
     return bytes(program[4:6]) + bytes(program[18:20])
 

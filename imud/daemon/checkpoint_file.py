@@ -15,7 +15,6 @@ import msgspec
 from ..compile.hashing import digest_of
 from ..folders import boot_id, folders_for, overwrite_file, read_file, save_in
 
-_NS = 1_000_000_000
 _UNUSED_S = 86400.0  # on the clock of the files, which may step: files that old are removed
 _SUSPENDED_NS = 100_000_000  # if the two clocks differ by more, the machine was suspended and samples were lost
 

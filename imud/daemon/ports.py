@@ -71,7 +71,7 @@ class Port:
         self.spec, self.options = spec, options
         self.state = PortState.WAITING
         self.configured: Configured | None = None
-        self.deadline_s = 0.0  # when `on_time` wants to be called
+        self.deadline_s = 0.0  # when `on_time` is to be called
         self.description = self._logged = _UNTRIED  # of the state, in words
         self.connects = 0
         self.has_failed = False  # an attempt or a connection here

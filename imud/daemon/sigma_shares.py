@@ -2,7 +2,7 @@
 
 A measurement that is fused lowers a sigma from s to s'. The sums of ln(s / s') of the last minute are kept, one for
 each source and quantity; the receiver is a source, too. A source's share of a quantity is its part of the sum of all
-sources: 1 if nothing else lowers that sigma, 0 if it tells nothing about it. What is assumed instead of measured (rest,
+sources: 1 if nothing else lowers that sigma, 0 if it contributes nothing. What is assumed instead of measured (rest,
 no slip) and what propagation adds is not in the sums.
 """
 

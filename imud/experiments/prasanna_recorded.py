@@ -12,6 +12,7 @@ from ..estimators import registry
 from ..estimators.records import POSITION_VALID, SOLUTION
 from ..math.arrays import Floats, Records
 from ..math.earth import radii
+from ..math.rotation_arrays import roll_and_pitch, wrapped
 from ..pipeline import Filter
 from ..setup import config
 from .compensation import as_printed, mended, reckoned
@@ -30,7 +31,7 @@ def plane(fixes: Records, lat: Floats, lon: Floats) -> Floats:
     """North and east in m from the first fix."""
     first = fixes[0]
     meridian, prime_vertical = interpreted(radii)(float(first["lat"]))
-    turn = (lon - first["lon"] + math.pi) % (2.0 * math.pi) - math.pi
+    turn = wrapped(lon - first["lon"])
     return np.column_stack([(lat - first["lat"]) * meridian, turn * prime_vertical * math.cos(first["lat"])])
 
 
@@ -67,17 +68,10 @@ def _tilts(data: Recorded) -> tuple[Floats, Floats]:
     """Roll and pitch by the estimator `tilt`, rad, (n, 2); and the device's own, NaN where it has none."""
     out = np.zeros(len(data.samples), SOLUTION)
     Filter(registry.by_name("tilt"), data.settings, Initial(), data.rate_hz).run(data.samples.copy(), out)
-    w, x, y, z = out["q_nb"].T
-    ours = np.column_stack(
-        [
-            np.arctan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-            np.arcsin(np.clip(2.0 * (w * y - x * z), -1, 1)),
-        ]
-    )
     d = data.samples["down"]
     own = np.column_stack([np.arctan2(d[:, 1], d[:, 2]), np.arctan2(-d[:, 0], np.hypot(d[:, 1], d[:, 2]))])
     own[~d.any(axis=1)] = np.nan
-    return ours, own
+    return roll_and_pitch(out["q_nb"]), own
 
 
 def _reckoning_rows(data: Recorded, t: Floats, raw: Floats, at: Floats) -> list[Row]:
@@ -86,7 +80,7 @@ def _reckoning_rows(data: Recorded, t: Floats, raw: Floats, at: Floats) -> list[
     has_own = bool(np.isfinite(own).all())
     rows = []
     if has_own:
-        apart = np.degrees((own - ours + math.pi) % (2.0 * math.pi) - math.pi)
+        apart = np.degrees(wrapped(own - ours))
         text = "{:.2f}, {:.2f} deg".format(*np.sqrt(np.mean(apart**2, axis=0)))
         rows.append(Row("the device's own roll and pitch against `tilt`, RMS", "satisfactory", text))
     roll, pitch = (own if has_own else ours).T

@@ -1,11 +1,10 @@
 """An M-G350 on a given motion: ideal rate and specific force, plus the data sheet's noise and bias, from a seed."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.drivers.sample import SAMPLE
 
-from ..math.arrays import Floats
+from ..math.arrays import Floats, Records
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import PROFILES
 
@@ -13,7 +12,7 @@ PROFILE = PROFILES["m-g350"]
 IN_RUN_S = 300.0  # time in which a bias changes by its in-run stability
 
 
-def samples_of(t: Floats, w: Floats, f: Floats) -> NDArray[np.void]:
+def samples_of(t: Floats, w: Floats, f: Floats) -> Records:
     """SAMPLE rows at t s from rates (n, 3) rad/s and specific forces (n, 3) m/s^2."""
     samples = np.zeros(len(t), SAMPLE)
     samples["t_ns"] = np.rint(t * 1e9).astype(np.int64)
@@ -27,7 +26,7 @@ def _random_walk(rng: np.random.Generator, count: int, rate_hz: float, sigma: fl
     return np.cumsum(sigma / np.sqrt(IN_RUN_S * rate_hz) * rng.standard_normal((count, 3)), axis=0)
 
 
-def m_g350(rng: np.random.Generator, t: Floats, w: Floats, f: Floats, switch_on: float = 1.0) -> NDArray[np.void]:
+def m_g350(rng: np.random.Generator, t: Floats, w: Floats, f: Floats, switch_on: float = 1.0) -> Records:
     """SAMPLE rows of an M-G350 on the ideal motion w, f. switch_on scales the bias at the start, 8 mg and 0.5 deg/s."""
     n, rate_hz = len(t), 1.0 / (t[1] - t[0])
     sensed = []

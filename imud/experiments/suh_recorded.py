@@ -13,6 +13,7 @@ from ..estimators.papers.suh import DELTA, PITCH, ROLL, STEP_S
 from ..estimators.records import SOLUTION
 from ..figures import Figure, Panel, Trace
 from ..math.arrays import Floats, Records
+from ..math.rotation_arrays import roll_and_pitch
 from ..pipeline import Filter
 from .recorded import Recorded
 from .report import Report, Row, at_most
@@ -29,10 +30,7 @@ def _reference(data: Recorded, samples: Records) -> tuple[Floats, Floats]:
     """Pitch and roll by `attitude`, and their sigmas, deg, (n, 2)."""
     out = np.zeros(len(samples), SOLUTION)
     Filter(registry.by_name("attitude"), data.settings, Initial(), data.rate_hz).run(samples.copy(), out)
-    w, x, y, z = out["q_nb"].T
-    roll = np.arctan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0))
-    return np.degrees(np.column_stack([pitch, roll])), np.degrees(out["sigma_rpy"][:, 1::-1])
+    return np.degrees(roll_and_pitch(out["q_nb"])[:, ::-1]), np.degrees(out["sigma_rpy"][:, 1::-1])
 
 
 def _counted_from(run: AttitudeRun, t: Floats, reference: Floats) -> AttitudeRun:

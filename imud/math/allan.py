@@ -3,14 +3,12 @@
 Source: IEEE Std 952-2020, annex C; W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, sec. 5.2.3.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..compile.jit import kernel
+from .arrays import Floats
 
 
 @kernel
-def integrated(rate: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def integrated(rate: Floats, out: Floats) -> None:
     """Running sum of `rate` (n) less its mean, from zero, into `out` (n + 1): the mean would cost digits."""
     mean = 0.0
     for i in range(len(rate)):
@@ -21,7 +19,7 @@ def integrated(rate: NDArray[np.float64], out: NDArray[np.float64]) -> None:
 
 
 @kernel
-def allan_variance(angle: NDArray[np.float64], m: int) -> float:
+def allan_variance(angle: Floats, m: int) -> float:
     """Overlapping Allan variance of the rate whose running sum is `angle`, over clusters of `m` samples.
 
     In the rate's unit squared. `angle` must have at least 2 m + 1 values.

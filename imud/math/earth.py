@@ -10,6 +10,7 @@ from imud.drivers import elementary
 from ..compile.jit import kernel
 
 SEMI_MAJOR_M = 6378137.0
+MEAN_RADIUS_M = 6.371e6  # of differences of latitude and longitude that need not be exact
 FLATTENING = 1.0 / 298.257223563
 ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 EARTH_RATE_RADPS = 7.292115e-5

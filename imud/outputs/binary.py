@@ -4,13 +4,13 @@
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..client import MAGIC, RECORD, VERSION
 from ..compile.entry import entry
 from ..compile.system import CLOCK_MONOTONIC, CLOCK_REALTIME, clock_ns, records
 from ..configuration.settings import Settings
 from ..estimators.records import SOLUTION
+from ..math.arrays import Records
 from .listeners import Poller
 from .shared_memory import WORD, SharedMemory, write
 from .stream import CLIENT, StreamServer, send_all
@@ -36,7 +36,7 @@ PUBLISHER = np.dtype(
 
 
 @entry
-def publish(publisher: NDArray[np.void], solutions: int, n: int, seq: int, now_ns: int) -> None:
+def publish(publisher: Records, solutions: int, n: int, seq: int, now_ns: int) -> None:
     """The first n of the SOLUTION rows at the address `solutions`, the last of them being the sample number `seq`."""
     p = publisher[0]
     if p.connected == 0 and p.shared == 0:
@@ -77,7 +77,7 @@ class BinaryOutputs:
         if self._shared:
             self.record["shared"], self.record["shared_file"] = self._shared.address, self._shared.file
 
-    def publish(self, solutions: NDArray[np.void], n: int, seq: int, now_ns: int) -> None:
+    def publish(self, solutions: Records, n: int, seq: int, now_ns: int) -> None:
         """The first `n` of `solutions`, the last of them being the sample number `seq`."""
         publish(self.record, solutions.ctypes.data, n, seq, now_ns)
 

@@ -20,7 +20,7 @@ _FIX = Numbers(
 
 
 def fix_object(view: View) -> str:
-    """Without a fix it has neither position nor `t_mono_ns`, which tells one fix from the next."""
+    """Without a fix it has neither position nor `t_mono_ns`, by which one fix differs from the next."""
     if view.gnss is None or not view.gnss.fix:
         return f"{head('FIX', view)}}}"
     fix, reported = np.frombuffer(view.gnss.fix, FIX)[0], view.gnss.reported

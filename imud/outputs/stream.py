@@ -9,12 +9,12 @@ import select
 import socket
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..client import DIVISOR
 from ..compile.jit import kernel
 from ..compile.system import EAGAIN, errno, send
 from ..configuration.settings import Stream as StreamSettings
+from ..math.arrays import Records
 from .addresses import parse_path
 from .connection import SECOND_NS
 from .listeners import Listeners, Poller, RejectedError
@@ -33,7 +33,7 @@ CLIENT = np.dtype(
 
 
 @kernel
-def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: int, now_ns: int) -> int:
+def send_all(clients: Records, messages: int, size: int, n: int, seq: int, now_ns: int) -> int:
     """Send to each client those of n messages of `size` bytes whose number its divisor divides; the last is `seq`.
 
     Returns how many were dropped. A client that has closed its connection is reported by poll, not here.
@@ -56,7 +56,7 @@ def send_all(clients: NDArray[np.void], messages: int, size: int, n: int, seq: i
 class StreamServer:
     """The clients of one socket. Never blocks; not thread-safe."""
 
-    def __init__(self, settings: StreamSettings, poller: Poller, publisher: NDArray[np.void]) -> None:
+    def __init__(self, settings: StreamSettings, poller: Poller, publisher: Records) -> None:
         """Open; this class writes the clients into `publisher` (array of one PUBLISHER).
 
         Raises AddressInUseError or CannotCreateError (73), PermissionDeniedError (77).

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import client
 from ..estimators.records import HEIGHT_VALID, POSITION_VALID, SOLUTION
 from ..sensors.readings import NO_VECTOR, ClockFit, ReceiverReport
 
 NAN = math.nan
-_GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what roll and yaw are
 Vector = tuple[float, ...]
 
 
@@ -121,13 +121,5 @@ def decode(solution: bytes) -> State:
 
 def euler(q: Vector) -> tuple[float, float, float]:
     """Roll, pitch, yaw in degrees of q_nb, ZYX; with the nose straight up or down roll is 0."""
-    w, x, y, z = q
-    sine = 2.0 * (w * y - x * z)
-    if abs(sine) > _GIMBAL_LOCK_SINE:
-        pitch = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
-        return 0.0, pitch, math.remainder(math.degrees(2.0 * math.atan2(z, w)), 360.0)
-    return (
-        math.degrees(math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))),
-        math.degrees(math.asin(sine)),
-        math.degrees(math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))),
-    )
+    roll, pitch, yaw = client.euler(q)
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)

@@ -1,9 +1,10 @@
-"""Rows of a recording that tell how an inertial sensor's counter fits the host's time, and what its line lost."""
+"""Rows of a recording that show how an inertial sensor's counter fits the host's time, and what its line lost."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..math.arrays import Records
 
 if TYPE_CHECKING:
     from ..sensors.inertial import Inertial
@@ -23,7 +24,7 @@ CLOCK_FIT = np.dtype(
 )
 
 
-def row_of(inertial: "Inertial", port: int, t_ns: int) -> NDArray[np.void]:
+def row_of(inertial: "Inertial", port: int, t_ns: int) -> Records:
     """An array of one CLOCK_FIT; unknown is NaN."""
     fit, clock, counted = inertial.clock_fit(), inertial.pipeline.clock[0], inertial.counters()
     row = np.zeros(1, CLOCK_FIT)

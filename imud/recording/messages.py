@@ -26,7 +26,7 @@ from .state_messages import STATES_FIELDS
 
 SAMPLES, ESTIMATES, FIXES, CLOCK = "/imu/samples", "/estimate", "/gnss/fixes", "/imu/clock"
 INNOVATIONS, EVENTS, SETTINGS, LOCATION, POSE = "/innovations", "/events", "/settings", "/location", "/tf"
-RECEIVER_LOCATION = "/gnss/location"  # live only: in a recording the fixes tell it
+RECEIVER_LOCATION = "/gnss/location"  # live only: in a recording the fixes have it
 AIDING = "/aiding"
 STATES = "/states"
 

@@ -11,6 +11,7 @@ from ..errors import BadDataError
 from ..setup import config
 from ..tables.output import open_output
 from .source import Recording, adapter
+from .thinner import Thinner
 
 if TYPE_CHECKING:
     from ..math.arrays import Records
@@ -96,7 +97,6 @@ class _Tables:
         """stack: closes the files. Raises CannotCreateError."""
         from ..tables.estimates import EstimateWriter, InnovationWriter
         from ..tables.filter_states import FilterStates
-        from .writer import Thinner
 
         self.begin_ns: int | None = None  # time of the first sample; None before it
         self.end_ns = 0  # of the last

@@ -19,7 +19,7 @@ _SETTINGS = "settings.json"  # name of the attachment
 
 
 class Recording:
-    """One recording: its files in order. `notes` tells what is wrong with it, once it has been read."""
+    """One recording: its files in order. `notes` says what is wrong with it, once it has been read."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Raises UsageError, InputMissingError, BadDataError."""

@@ -42,6 +42,7 @@ from .messages import (
 )
 from .protocol import PACKET, STATE, MessageKind, items
 from .state_messages import states_message
+from .thinner import Thinner
 
 _MB = 1 << 20
 _COMMIT_S = 1.0
@@ -57,22 +58,6 @@ _ORDERED = {  # what was read from ports before these stays before them
     MessageKind.CLOCK,
 }
 _encode = msgspec.json.encode
-
-
-class Thinner:
-    """Thins rows to a rate: keeps the first of each period; at 0 Hz all of them."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._rate_hz, self._slot = rate_hz, -1
-
-    def kept(self, rows: Any) -> Any:
-        """Of these, which follow those before."""
-        if not self._rate_hz:
-            return rows
-        slots = np.floor(rows["t_ns"] * (1e-9 * self._rate_hz) + 1e-6).astype(np.int64)
-        new = slots != np.concatenate([[self._slot], slots[:-1]])
-        self._slot = int(slots[-1])
-        return rows[new]
 
 
 class RecordingWriter:

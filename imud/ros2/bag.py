@@ -16,7 +16,7 @@ from ..outputs.gpsd_json import status_text
 from ..pipeline import Filter
 from ..recording.enu import Vector
 from ..recording.player import Player
-from ..recording.writer import Thinner
+from ..recording.thinner import Thinner
 from ..sensors.inertial import Inertial
 from .block_writer import BlockWriter, Rows
 from .converter import Block, Converter, block_of

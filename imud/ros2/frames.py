@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ..estimators.records import POSITION_VALID
 from ..math.arrays import Floats, Records
+from ..math.rotation import Quaternion, Vector
 from ..recording.enu import LocalMap
 from .reckoning import MOTION, RECKONING, follow_body
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 Transform = tuple[Vector, Quaternion]  # of a child in its parent: place, and the rotation of vectors into the parent
 IDENTITY: Transform = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
 

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.drivers.driver import Identity
 from imud.drivers.sample import MOUNTING_UNKNOWN
@@ -21,6 +20,7 @@ from imud.drivers.sample import MOUNTING_UNKNOWN
 from ..compile.jit import interpreted, kernel
 from ..errors import BadDataError, CannotCreateError, InputMissingError
 from ..folders import folders_for, read_file
+from ..math.arrays import Floats, Records
 from ..math.rotation import dcm_of_quat, quat_of_euler
 from .magnetometer import REMAINING_T
 from .mounting_error import MOUNTING_ERROR, set_covariance
@@ -98,13 +98,13 @@ class RelativeMounting(_Part, frozen=True, forbid_unknown_fields=True):
 UNKNOWN_MOUNTING = RelativeMounting(NOTHING, ((180.0**2, 0.0, 0.0), (0.0, 180.0**2, 0.0), (0.0, 0.0, 180.0**2)))
 
 
-def relative_mounting_of(turn: NDArray[np.float64], covariance: NDArray[np.float64]) -> RelativeMounting:
+def relative_mounting_of(turn: Floats, covariance: Floats) -> RelativeMounting:
     """That of a rotation matrix [3, 3] to body axes, and its covariance [3, 3], rad^2."""
     (a, b, c), (d, e, f), (g, h, i) = np.degrees(np.degrees(covariance)).tolist()
     return RelativeMounting(mounting_of(turn, NOTHING).rpy_deg, ((a, b, c), (d, e, f), (g, h, i)))
 
 
-def mounting_of(turn: NDArray[np.float64], sigma_rad: Triple, date: str = "") -> Mounting:
+def mounting_of(turn: Floats, sigma_rad: Triple, date: str = "") -> Mounting:
     """The mounting whose matrix, from the sensor's to the other axes, is `turn` [3, 3]."""
     roll, pitch = math.atan2(turn[2, 1], turn[2, 2]), -math.asin(max(-1.0, min(1.0, turn[2, 0])))
     rpy, sigma = (
@@ -161,14 +161,14 @@ CORRECTION = np.dtype(
 
 
 @functools.lru_cache(maxsize=4)
-def _rotation(rpy_deg: Triple) -> NDArray[np.float64]:
+def _rotation(rpy_deg: Triple) -> Floats:
     q = interpreted(quat_of_euler)(*(math.radians(angle) for angle in rpy_deg))
     return np.array(interpreted(dcm_of_quat)(q)).reshape(3, 3)
 
 
 def correction(
     calibration: Calibration, mount_rpy_deg: Triple, magnetometer_mount_rpy_deg: Triple = NOTHING
-) -> NDArray[np.void]:
+) -> Records:
     """The parameters of `correct` (array of one CORRECTION). The user's mounting overrides the calibrated one."""
     rpy = mount_rpy_deg
     if rpy == NOTHING and calibration.mounting is not None:
@@ -213,7 +213,7 @@ def correct(sample: Any, c: Any) -> None:
         down[i] = D[3 * i] * d0 + D[3 * i + 1] * d1 + D[3 * i + 2] * d2
 
 
-def corrected_fields(fields: NDArray[np.float64], c: NDArray[np.void]) -> NDArray[np.float64]:
+def corrected_fields(fields: Floats, c: Records) -> Floats:
     """Magnetic fields [n, 3], T, corrected and turned from the magnetometer's into body axes; c: one CORRECTION."""
     x, y, z = (fields - c["field_bias"]).T
     rows = c["field"].reshape(3, 3)

@@ -10,9 +10,9 @@ import math
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from ..folders import boot_id, folders_for, read_file, save_in
+from ..math.arrays import Records
 from .calibration import StoredTime, Triple
 from .profiles import Profile
 
@@ -70,7 +70,7 @@ def _inflated(sigmas: Triple, variance: float, most: float) -> Triple:
     return x, y, z
 
 
-def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profile) -> Biases | None:
+def load(serial: str, correction: Records, now_ns: int, profile: Profile) -> Biases | None:
     """The stored biases of the sensor `serial`, aged to `now_ns`; None: none that can be used."""
     for folder in folders_for("state"):
         with contextlib.suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
@@ -82,7 +82,7 @@ def load(serial: str, correction: NDArray[np.void], now_ns: int, profile: Profil
     return None
 
 
-def save(serial: str, correction: NDArray[np.void], now_ns: int, biases: Biases) -> None:
+def save(serial: str, correction: Records, now_ns: int, biases: Biases) -> None:
     """Replace the file as a whole, in the first folder that may be written. Raises OSError if there is none."""
     content = msgspec.json.encode(_File(serial, boot_id(), now_ns, _numbers(correction), biases))
     save_in([folder / _name(serial) for folder in folders_for("state")], content)
@@ -92,6 +92,6 @@ def _name(serial: str) -> str:
     return f"biases-{serial.encode().hex()}.json"
 
 
-def _numbers(correction: NDArray[np.void]) -> list[float]:
+def _numbers(correction: Records) -> list[float]:
     """All fields but NaN, which is not equal to itself."""
     return [x for x in correction.view(np.float64).tolist() if not math.isnan(x)]

@@ -1,7 +1,6 @@
 """What the sensor monitor can find: a bit for each finding, and its words."""
 
-import numpy as np
-from numpy.typing import NDArray
+from ..math.arrays import Records
 
 FROZEN, LIMITED, INVALID, SPIKE = 0, 6, 12, 21  # six bits each, for the axes
 ZERO, WEIGHT, TEMPERATURE, UNITS, REPEATED = 18, 19, 20, 27, 28
@@ -31,7 +30,7 @@ def words(findings: int) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def counted(health: NDArray[np.void]) -> list[str]:
+def counted(health: Records) -> list[str]:
     """All findings since the start with their numbers of samples, of a HEALTH record array."""
     counts = health["found_count"][0].tolist()
     return [f"{text} ({count} samples)" for bit, count in enumerate(counts) if count for text in words(1 << bit)]

@@ -11,7 +11,7 @@ smallest change seen) and if the noise of its data sheet is above the resolution
 samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen before.
 
 A sample that is repeated shows in all axes together: n axes of known noise need 1/n of the samples of one. What axes
-repeat because their noise is small tells nothing; but if one of a sensor's has changed until the repetition began, all
+repeat because their noise is small shows nothing; but if one of a sensor's has changed until the repetition began, all
 three count as frozen with it. Samples that are read several times before a new one comes are usual after a while.
 
 The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the
@@ -35,7 +35,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imud.drivers.sample import (
     LIMITED_AXES,
@@ -51,6 +50,7 @@ from imud.drivers.sample import (
 
 from ..compile.entry import entry
 from ..compile.jit import kernel
+from ..math.arrays import Records
 from ..math.earth import STANDARD_GRAVITY
 from ..sensor_errors.profiles import Profile
 from .clipping import CLIPPING, is_clipped, new_clipping
@@ -136,7 +136,7 @@ def new_health(
     rate_hz: float,
     is_device: bool = False,
     gyro_axes: tuple[bool, bool, bool] = (True, True, True),
-) -> NDArray[np.void]:
+) -> Records:
     """A record (array of one HEALTH) for a sensor of this profile at `rate_hz`.
 
     is_device: its samples come from a device, not from arrays or tables that may have been simulated without noise.
@@ -397,14 +397,14 @@ def check_sample(h: Health, sample: Any) -> None:
 
 
 @entry
-def check_samples(health: NDArray[np.void], samples: NDArray[np.void]) -> None:
+def check_samples(health: Records, samples: Records) -> None:
     """`check_sample` for each of these samples."""
     for k in range(len(samples)):
         check_sample(health[0], samples[k])
 
 
 @entry
-def recent_findings(health: NDArray[np.void]) -> int:
+def recent_findings(health: Records) -> int:
     """The findings of the last REPORT_NS as bits, of a HEALTH record array; so one that comes and goes stays."""
     h = health[0]
     now_ns = max(h.informative_ns[0], h.informative_ns[1])

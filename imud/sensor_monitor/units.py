@@ -55,7 +55,7 @@ BRISK_RATE, BRISK_S = 1.0, 1.0  # rad/s; s in all, of rates beyond it
 CONFIRMING_TURN = 0.5  # rad, that rates must claim before they are unconfirmed
 TRUST = 3.0  # log likelihood ratio of rad/s over a sensor that hardly turns, from which they never are again
 CONFIRMING_WINDOWS = 2  # of the second test, after which they are not, either
-TURN = 2.0 * math.pi  # rad, that rates must claim before gravity can tell where it stays
+TURN = 2.0 * math.pi  # rad, that rates must claim before gravity can show where it stays
 
 RATE_UNITS = np.dtype(
     [

@@ -179,7 +179,7 @@ class Pair:
             self._evidence[group] = (wrong, windows + 1 if wrong and wrong == before else 1)
 
     def _contradicted(self, found: list[tuple[float, float]]) -> str:
-        """The one of the two that gravity contradicts while the other fits; empty: it does not tell."""
+        """The one of the two that gravity contradicts while the other fits; empty: it does not show it."""
         if len(found) < 2:
             return ""
         (least, sigma), (excess, other_sigma) = sorted(found)

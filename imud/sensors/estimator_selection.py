@@ -92,5 +92,5 @@ class EstimatorSelection:
         return self._initial.over(config.initial_of(settings))
 
     def _is_same(self, serial: str, port: int) -> bool:
-        """Whether it is the sensor before: by its serial number, or if one of them tells none, by the port."""
+        """Whether it is the sensor before: by its serial number, or if one of them reports none, by the port."""
         return serial == self._serial if serial and self._serial else port == self._port

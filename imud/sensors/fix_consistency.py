@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..math.arrays import Floats, Records
+from ..math.earth import MEAN_RADIUS_M
 from .gnss import Refusal
 
 FROZEN = Refusal("frozen", "their position has never changed although their velocity says that it moves")
@@ -24,7 +25,6 @@ _ASIDE, _SPREAD = 0.2, 1.2  # most displacement across the chord; largest ratio 
 _LONGEST_NS = 3_000_000_000  # between fixes; over a longer time the velocity is not known
 _SLOW_MPS, _FAST_MPS = 0.5, 1e4  # below the first many receivers hold position or speed; beyond the other none is
 _HDOP_M = 1.5  # sigma for each unit of HDOP, where the receiver states none
-_RADIUS_M = 6.371e6
 _UNITS = {1.852: "km/h in place of knots", 1 / 1.852: "knots in place of km/h", 0.5144: "m/s in place of knots",
           1 / 0.5144: "knots in place of m/s", 3.6: "km/h in place of m/s"}  # fmt: skip
 
@@ -62,7 +62,7 @@ class FixConsistency:
         if not (0 < interval_ns < _LONGEST_NS and known):
             self._integral = self._displacement = 0j
             return
-        step = complex(now[1] - last[1], math.remainder(now[2] - last[2], math.tau) * math.cos(now[1])) * _RADIUS_M
+        step = complex(now[1] - last[1], math.remainder(now[2] - last[2], math.tau) * math.cos(now[1])) * MEAN_RADIUS_M
         self._moved = self._moved or step != 0.0
         self.is_frozen = self.is_frozen and not self._moved
         self._integral += mean * interval_ns * 1e-9

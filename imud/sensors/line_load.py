@@ -40,7 +40,7 @@ class LineLoad:
 
     @property
     def hides_age(self) -> bool:
-        """Whether what comes may have waited in the device, so that its arrival does not tell how old it is."""
+        """Whether what comes may have waited in the device, so that its arrival does not show how old it is."""
         return self.is_saturated or not self._is_judged
 
     def add(self, size: int, now_ns: int) -> None:

@@ -16,6 +16,7 @@ from ..configuration.settings import Gnss as GnssSettings
 from ..estimators.aiding_source import AidingSource, ImpossibleValueError
 from ..estimators.records import NEW_RECEIVER
 from ..math.arrays import Records
+from ..math.earth import MEAN_RADIUS_M
 from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
@@ -31,7 +32,6 @@ SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
 TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
-EARTH_RADIUS_M = 6.371e6
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
@@ -360,9 +360,9 @@ def _age_s(fix: Fix, now_ns: int) -> float:
 def jumps(before: Fix, after: Fix) -> bool:
     """Whether no vehicle can have gone from one fix to the other."""
     seconds = (after.arrival_ns - before.arrival_ns) * 1e-9
-    north = math.radians(after.lat_deg - before.lat_deg) * EARTH_RADIUS_M
+    north = math.radians(after.lat_deg - before.lat_deg) * MEAN_RADIUS_M
     turns = math.radians((after.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0)
-    east = turns * EARTH_RADIUS_M * math.cos(math.radians(after.lat_deg))
+    east = turns * MEAN_RADIUS_M * math.cos(math.radians(after.lat_deg))
     speed = max(before.speed_mps or 0.0, after.speed_mps or 0.0)
     return math.hypot(north, east) > JUMP_M + (JUMP_MPS + speed) * max(seconds, 1.0)
 

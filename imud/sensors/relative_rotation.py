@@ -88,7 +88,7 @@ class _Vectors:
         return np.asarray(of_deviations + np.outer(self._b, self._a) * self._of_direction)
 
     def information(self, values: Floats, vectors: Floats) -> Floats:
-        """Of the rotation, in the first sensor's axes, less what noise alone would seem to tell."""
+        """Of the rotation, in the first sensor's axes, less what noise alone would seem to give."""
         known = vectors @ np.diag(values) @ vectors.T + np.outer(self._a, self._a) * self._of_direction
         return np.asarray(np.eye(3) * np.trace(known) - known)
 

@@ -120,7 +120,7 @@ def estimators(settings: Settings) -> Choice:
 
 
 def unknown_profile(settings: Settings, identity: Identity) -> str:
-    """What to tell the user if the sensor's driver, a plug-in, names a noise profile that there is not; else empty."""
+    """A message if the sensor's driver, a plug-in, names a noise profile that does not exist; else empty."""
     if settings.imu.profile != "auto" or identity.profile in ("", *PROFILES):
         return ""
     return (

@@ -9,7 +9,7 @@ import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 
@@ -18,7 +18,6 @@ from ..configuration.settings import Initial, Settings
 from ..errors import ConfigError
 from ..folders import read_file
 
-Struct = TypeVar("Struct", bound=msgspec.Struct)
 _FILE_MAX = 1 << 18  # bytes; all keys with their descriptions are 12 kB
 _SHOWN = 80  # characters of what was given, in a message
 _DOTS_MAX = 100  # in a line: the time that tomllib takes for a key goes with the square of its parts
@@ -54,7 +53,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """The line on which each key stands in the TOML text, for messages; keys that this cannot tell are missing."""
+    """The line on which each key stands in the TOML text, for messages; keys of which this is not known are missing."""
     lines: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):

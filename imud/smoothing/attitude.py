@@ -5,7 +5,6 @@ What it forgets about the tilt although the body did not turn is carried back as
 and over the time in which the tilt was wrong before the filter noticed it.
 """
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,17 +12,16 @@ import numpy as np
 from ..estimators.ahrs.state import STATES
 from ..estimators.records import ATTITUDE_VALID, HEADING_VALID, SOLUTION
 from ..math.arrays import Floats, Indices, Records
-from ..math.rotation import GIMBAL_LOCK_SINE
+from ..math.rotation_arrays import about_down, euler_sigmas, matrices, of_rotation_vectors, products
 from ..pipeline import Filter
 from .fixed_interval import smoothed_estimates
 from .intervals import INTERVAL, record_intervals
-from .reversal import BLOCK, matrices
+from .reversal import BLOCK
 from .rows import Rows
 
-_MISALIGNMENT = (
-    0.5  # of the accelerometer's axes, over its scale error: no state, and no average of attitudes removes it
-)
-_AROUND_S = 2.0
+# of the accelerometer's axes, over its scale error: it is no state, and no average of attitudes removes it
+_MISALIGNMENT = 0.5
+_AROUND_S = 2.0  # before and after an interval
 
 ERROR = np.dtype(  # of the filter's solution, at the end of an interval
     [
@@ -37,7 +35,7 @@ ERROR = np.dtype(  # of the filter's solution, at the end of an interval
 )
 
 
-def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records], None]) -> None:
+def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records], object]) -> None:
     """Write the smoothed solutions (SOLUTION) in blocks. filter_: before the first of the samples (SAMPLE)."""
     recorded, kept = Rows(SOLUTION), Rows(INTERVAL)
     record_intervals(filter_, samples, recorded, kept)
@@ -57,28 +55,28 @@ def smooth_attitude(filter_: Filter, samples: Records, write: Callable[[Records]
 def _errors(intervals: Records, estimates: Records) -> Records:
     """ERROR of each interval."""
     errors, history = np.zeros(len(intervals), ERROR), intervals["history"]
-    yaw = _about_down(_left_yaw(history))  # the errors are counted in axes that turn with the yaw
+    yaw = about_down(_left_yaw(history))  # the errors are counted in axes that turn with the yaw
     yaw_before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], yaw[:-1]])
     to_corrected = matrices(yaw)
-    errors["turn"] = _quaternions(np.einsum("nij,nj->ni", to_corrected, estimates["x"][:, :3]))
+    errors["turn"] = of_rotation_vectors(np.einsum("nij,nj->ni", to_corrected, estimates["x"][:, :3]))
     var = estimates["attitude_var"].reshape(-1, 3, 3)
     errors["var"] = to_corrected @ var @ np.swapaxes(to_corrected, 1, 2)
     errors["bg"], errors["ba"] = estimates["x"][:, 3:6], estimates["x"][:, 6:]
     errors["bias_var"] = estimates["bias_var"]
-    q, q_before = _products(yaw, intervals["q_nb"]), _products(yaw_before, history["q_before"])
-    corrections = _products(q, q_before * [1.0, -1.0, -1.0, -1.0])
+    q, q_before = products(yaw, intervals["q_nb"]), products(yaw_before, history["q_before"])
+    corrections = products(q, q_before * [1.0, -1.0, -1.0, -1.0])
     for k in reversed(range(1, len(intervals))):  # back over what was carried
-        errors["turn_before"][k] = _products(errors["turn"][k], corrections[k])
+        errors["turn_before"][k] = products(errors["turn"][k], corrections[k])
         if history["coarse"][k]:
             errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
-    errors["turn_before"][0] = _products(errors["turn"][0], corrections[0])
+    errors["turn_before"][0] = products(errors["turn"][0], corrections[0])
     for end in np.flatnonzero(history["wrong_tilt_s"]):
         begin_ns = intervals["t_ns"][end] - np.round(1e9 * history["wrong_tilt_s"][end]).astype(np.int64)
         for k in range(end, int(np.searchsorted(intervals["t_ns"], begin_ns)), -1):
             errors["turn"][k - 1], errors["var"][k - 1] = errors["turn_before"][k], errors["var"][k]
-            errors["turn_before"][k - 1] = _products(errors["turn"][k - 1], corrections[k - 1])
-    errors["turn"] = _products(errors["turn"], yaw)
-    errors["turn_before"] = _products(errors["turn_before"], yaw_before)
+            errors["turn_before"][k - 1] = products(errors["turn"][k - 1], corrections[k - 1])
+    errors["turn"] = products(errors["turn"], yaw)
+    errors["turn_before"] = products(errors["turn_before"], yaw_before)
     return errors
 
 
@@ -94,7 +92,7 @@ def _left_yaw(history: Records) -> Floats:
 def _limit_tilt_confidence(intervals: Records, errors: Records) -> None:
     """The smoothed variances of the tilt become at least half the filter's smallest ones of the seconds around.
 
-    Data before and after a moment tell about equally much of the tilt: together they halve its variance. Where the
+    Data before and after a moment know about equally much of the tilt: together they halve its variance. Where the
     recursion claims more, it counts on noises of the filter that are too small, as in walks begun in motion.
     """
     times_s = 1e-9 * intervals["t_ns"]
@@ -125,52 +123,14 @@ def _corrected(rows: Records, at: Indices, intervals: Records, errors: Records, 
     then = np.where((at >= ends[after])[:, None], errors["turn"][after], errors["turn_before"][after])
     first = np.where(np.sum(first * then, axis=1)[:, None] < 0.0, -first, first)
     turn = first + part[:, None] * (then - first)
-    out["q_nb"] = _products(turn / np.linalg.norm(turn, axis=1)[:, None], rows["q_nb"])
+    out["q_nb"] = products(turn / np.linalg.norm(turn, axis=1)[:, None], rows["q_nb"])
     var, bias_sigmas = at_rows("var"), np.sqrt(at_rows("bias_var"))
     for bias, raw, axes in (("bg", "w", slice(0, 3)), ("ba", "f", slice(3, 6))):
         shift = at_rows(bias)
         out[bias] += shift
         out[raw] -= shift
         out[f"sigma_{bias}"] = bias_sigmas[:, axes]
-    out["sigma_rpy"] = _euler_sigmas(out["q_nb"], var)
+    out["sigma_rpy"] = euler_sigmas(out["q_nb"], var)
     valid = np.maximum(var[:, 0, 0], var[:, 1, 1]) < valid_tilt_rad**2
     out["status"] = np.where(valid, out["status"] | ATTITUDE_VALID, out["status"] & ~(ATTITUDE_VALID | HEADING_VALID))
     return out
-
-
-def _euler_sigmas(q: Floats, var: Floats) -> Floats:
-    """Roots of `math.rotation.euler_variances`, of arrays."""
-    w, x, y, z = np.moveaxis(q, 1, 0)
-    sine = np.clip(2.0 * (w * y - x * z), -1.0, 1.0)
-    north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
-    locked = np.abs(sine) > GIMBAL_LOCK_SINE
-    north, east = np.where(locked, w * w - z * z, north), np.where(locked, 2.0 * w * z, east)
-    level = 1.0 / (north * north + east * east)
-    steep = 1.0 / np.maximum((1.0 - sine) * (1.0 + sine), 1e-12)
-    p00, p01, p02, p11, p12, p22 = (var[:, i, j] for i in range(3) for j in range(i, 3))
-    along = level * (north * north * p00 + 2.0 * north * east * p01 + east * east * p11)
-    across = level * (east * east * p00 - 2.0 * north * east * p01 + north * north * p11)
-    vertical = p22 + 2.0 * sine * level * (north * p02 + east * p12) + sine * sine * steep * along
-    variances = np.stack([steep * along, across, vertical], axis=1)
-    sigmas: Floats = np.sqrt(np.clip(variances, 0.0, math.pi**2 / 3.0))
-    return sigmas
-
-
-def _quaternions(rotations: Floats) -> Floats:
-    """Of rotation vectors [n, 3]."""
-    angle = np.linalg.norm(rotations, axis=1)[:, None]
-    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * rotations], axis=1)
-
-
-def _about_down(angles: Floats) -> Floats:
-    """Quaternions of turns about the vertical, rad."""
-    zero = np.zeros(len(angles))
-    return np.stack([np.cos(0.5 * angles), zero, zero, np.sin(0.5 * angles)], axis=1)
-
-
-def _products(a: Floats, b: Floats) -> Floats:
-    """Of two quaternions, or of each pair of two arrays of them."""
-    aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
-    scalar = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
-    product: Floats = np.concatenate([scalar, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
-    return product

@@ -5,15 +5,13 @@ has the variance a b / (a + b). Where two differ by more than their sigmas allow
 (the Birge ratio). What only one of them knows is taken from it.
 """
 
-import math
-
 import numpy as np
 
 from ..estimators.records import ATTITUDE_VALID, HEADING_VALID, HEIGHT_VALID, POSITION_VALID
 from ..math.arrays import Floats, Records
-from .reversal import matrices
+from ..math.earth import MEAN_RADIUS_M
+from ..math.rotation_arrays import matrices, of_euler, wrapped
 
-_EARTH_M = 6.371e6  # of small differences of latitude and longitude
 _CONTRADICTION = 4.0  # squared difference over its variance beyond which the sigma grows
 _ALL_VALID = ATTITUDE_VALID | HEADING_VALID | POSITION_VALID | HEIGHT_VALID
 
@@ -59,21 +57,15 @@ def _valid(rows: Records, bit: int) -> Floats:
     return ones
 
 
-def _wrapped(angle: Floats) -> Floats:
-    """To -pi to pi."""
-    turned: Floats = np.mod(angle + math.pi, 2.0 * math.pi) - math.pi
-    return turned
-
-
 def _average_position(out: Records, forward: Records, backward: Records) -> None:
     f, b = (_valid(rows, POSITION_VALID) for rows in (forward, backward))
     f_height, b_height = (_valid(rows, HEIGHT_VALID) for rows in (forward, backward))
     lat, lon = (np.where(np.isnan(f), backward[name], forward[name]) for name in ("lat", "lon"))
     height = np.where(np.isnan(f_height) & ~np.isnan(b_height), backward["height"], forward["height"])
-    east_m = _EARTH_M * np.cos(lat)
+    east_m = MEAN_RADIUS_M * np.cos(lat)
     components = (  # backward less forward
-        ((backward["lat"] - lat) * _EARTH_M, f, b),
-        (_wrapped(backward["lon"] - lon) * east_m, f, b),
+        ((backward["lat"] - lat) * MEAN_RADIUS_M, f, b),
+        (wrapped(backward["lon"] - lon) * east_m, f, b),
         (height - backward["height"], f_height, b_height),
     )
     shift = np.zeros((len(out), 3))
@@ -84,7 +76,7 @@ def _average_position(out: Records, forward: Records, backward: Records) -> None
         shift[:, i] = np.where(known, mean, 0.0)
         out["sigma_p"][:, i] = np.where(known, sigma, forward["sigma_p"][:, i])
     out["lat"], out["lon"], out["height"] = (
-        lat + shift[:, 0] / _EARTH_M,
+        lat + shift[:, 0] / MEAN_RADIUS_M,
         lon + shift[:, 1] / east_m,
         height - shift[:, 2],
     )
@@ -108,28 +100,17 @@ def _average_attitude(out: Records, forward: Records, backward: Records) -> None
     roll, pitch = np.arctan2(down[:, 1], down[:, 2]), np.arcsin(np.clip(-down[:, 0], -1.0, 1.0))
 
     yaw_f, yaw_b = (np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0]) for matrix in (of_f, of_b))
-    difference = _wrapped(yaw_b - yaw_f)
+    difference = wrapped(yaw_b - yaw_f)
     north_f, north_b = (_valid(rows, HEADING_VALID) for rows in (forward, backward))
     north = ~np.isnan(north_f) | ~np.isnan(north_b)
     mean, yaw_sigma, _ = average(0.0 * difference, difference, sigma_f[:, 2] * north_f, sigma_b[:, 2] * north_b)
     turn = np.where(north, mean, 0.0)
 
     known = ~np.isnan(f) | ~np.isnan(b)
-    out["q_nb"] = np.where(known[:, None], _quaternions(roll, pitch, yaw_f + turn), forward["q_nb"])
+    out["q_nb"] = np.where(known[:, None], of_euler(roll, pitch, yaw_f + turn), forward["q_nb"])
     surer = np.where((weight < 0.5)[:, None], forward["sigma_rpy"], backward["sigma_rpy"])
     factor = tilt / np.hypot(surer[:, 0], surer[:, 1])
     sigmas = np.stack(
         [surer[:, 0] * factor, surer[:, 1] * factor, np.where(north, yaw_sigma, forward["sigma_rpy"][:, 2])]
     )
     out["sigma_rpy"] = np.where(known[:, None], sigmas.T, forward["sigma_rpy"])
-
-
-def _quaternions(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
-    parts = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-    return np.stack(parts, axis=1)

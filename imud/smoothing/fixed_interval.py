@@ -1,6 +1,6 @@
 """Fixed-interval smoother of the attitude filter: the modified Bryson-Frazier form, backward over its record.
 
-The adjoint variables lambda (28) and Lambda (28 x 28) hold what the measurements after an instant tell of the error
+The adjoint variables lambda (28) and Lambda (28 x 28) hold what the measurements after an instant show of the error
 there. With x = 0 and P the filter's estimate of the error and its covariance,
 
     smoothed x = -P lambda            smoothed P = P - P Lambda P

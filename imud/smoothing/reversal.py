@@ -20,22 +20,12 @@ from imud.drivers.sample import POWER_ON, RECONNECTED
 
 from ..estimators.aiding_source import AidingSource
 from ..estimators.records import HEADING_VALID, POSITION_VALID
-from ..math.arrays import Floats, Records
+from ..math.arrays import Records
 from ..math.earth import EARTH_RATE_RADPS
+from ..math.rotation_arrays import matrices
 
 BLOCK = 65536  # rows
 MAX_LATE_NS = 200_000_000  # velocities older than positions are newer backward: the filter needs the samples around
-
-
-def matrices(q: Floats) -> Floats:
-    """Direction cosine matrices [n, 3, 3], body to navigation frame, of unit quaternions [n, 4]."""
-    w, x, y, z = np.moveaxis(q, 1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def reversed_samples(samples: Records, solutions: Records, of_interval: bool) -> Iterator[Records]:

@@ -27,11 +27,12 @@ from ..estimators.records import (
     SOLUTION,
 )
 from ..math.arrays import Floats, Records
+from ..math.rotation_arrays import matrices
 from ..pipeline import Filter
 from ..sensor_errors.stored_biases import Biases
 from .attitude import smooth_attitude
 from .average import combined
-from .reversal import BLOCK, matrices, reversed_fixes, reversed_measurements, reversed_samples
+from .reversal import BLOCK, reversed_fixes, reversed_measurements, reversed_samples
 from .rows import Rows
 
 WIDER = 5.0  # the sigmas with which the backward filter begins, over those with which the forward one ended
@@ -83,7 +84,7 @@ def smooth(
     samples: Records,
     fixes: Records,
     measurements: Records,
-    write: Callable[[Records], None],
+    write: Callable[[Records], object],
 ) -> None:
     """Write the smoothed solutions (SOLUTION) in blocks, first to last.
 
@@ -114,7 +115,7 @@ def play_smoothed(
     samples: Records,
     fixes: Records,
     on_solutions: Callable[[Records], object],
-    written: Records | None = None,
+    *,
     on_innovations: Callable[[Records], object] | None = None,
     aiding: Records = NO_MEASUREMENT,
     on_progress: Callable[[int], None] = ignore,
@@ -122,15 +123,17 @@ def play_smoothed(
 ) -> int:
     """As `batch.play`, but the solutions are smoothed; all else is of the run forward in time. Raises UsageError."""
     forward = Forward(filter_)
-    fed = play(filter_, samples, fixes, forward.take, None, on_innovations, aiding, on_progress, each_second)
-    done = 0
-
-    def write(rows: Records) -> None:
-        nonlocal done
-        on_solutions(rows if written is None else rows[written[done : done + len(rows)]])
-        done += len(rows)
-
-    smooth(forward, samples, fixes, aiding, write)
+    fed = play(
+        filter_,
+        samples,
+        fixes,
+        forward.take,
+        on_innovations=on_innovations,
+        aiding=aiding,
+        on_progress=on_progress,
+        each_second=each_second,
+    )
+    smooth(forward, samples, fixes, aiding, on_solutions)
     return fed
 
 

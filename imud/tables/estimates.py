@@ -11,7 +11,7 @@ from ..compile.entry import entry
 from ..compile.jit import kernel
 from ..estimators.innovation_kinds import KINDS
 from ..estimators.records import POSITION_VALID
-from ..math.arrays import Floats
+from ..math.arrays import Floats, Records
 from ..math.decimal import MAX_WIDTH, write_fixed, write_seconds
 from ..math.rotation import euler_of_quat
 
@@ -107,7 +107,7 @@ def _fill_all(solutions: Any, cells: Floats) -> None:
         _fill(cells[k * _CELLS :], solutions[k])
 
 
-def estimate_cells(solutions: NDArray[np.void]) -> dict[str, Floats]:
+def estimate_cells(solutions: Records) -> dict[str, Floats]:
     """Columns of est.csv behind t_s, by name, of solutions (array of SOLUTION); unknown is NaN."""
     cells = np.empty((len(solutions), _CELLS))
     _fill_all(solutions, cells.reshape(-1))
@@ -118,7 +118,7 @@ INNOVATION_COLUMNS = ("t_s", "kind", "value", "sigma", "used")
 _INNOVATION_FIELDS = ("t_ns", "kind", "value", "variance", "used")
 
 
-def write_innovations(path: Path, origin: int, innovations: NDArray[np.void]) -> None:
+def write_innovations(path: Path, origin: int, innovations: Records) -> None:
     """An array of INNOVATION as a table. Raises OSError."""
     with path.open("wb") as file:
         InnovationWriter(file, origin).write(innovations)
@@ -131,7 +131,7 @@ class InnovationWriter:
         self._file, self._origin = file, origin
         file.write(f"{','.join(INNOVATION_COLUMNS)}\n".encode())
 
-    def write(self, innovations: NDArray[np.void]) -> None:
+    def write(self, innovations: Records) -> None:
         """Append one row for each innovation (array of INNOVATION)."""
         for t_ns, kind, value, variance, used in innovations[list(_INNOVATION_FIELDS)].tolist():
             t_s, ns = divmod(t_ns, 1_000_000_000)
@@ -148,7 +148,7 @@ class EstimateWriter:
         self._rows = rows
         file.write(f"{ESTIMATE_HEADER}\n".encode())
 
-    def write(self, solutions: NDArray[np.void]) -> None:
+    def write(self, solutions: Records) -> None:
         """Append one row for each solution (array of SOLUTION)."""
         for start in range(0, len(solutions), self._rows):
             n = _format(solutions[start : start + self._rows], self._origin, _DECIMALS, self._buffer)

@@ -19,7 +19,7 @@ from imud.drivers.sample import SAMPLE
 from ..errors import BadDataError
 from ..estimators.aiding_source import AidingSource
 from ..estimators.records import FIX, MEASUREMENT
-from ..math.arrays import Floats
+from ..math.arrays import Floats, Records
 from ..sensors.gnss import HEIGHT_MAX_M, SPEED_MAX_MPS, forget_implausible
 from .lines import Table, first_bytes, table_of
 
@@ -112,7 +112,7 @@ def is_recording(path: Path) -> bool:
     return first_bytes(path, len(_MCAP)) == _MCAP
 
 
-def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[NDArray[np.void], int, int]:
+def read_imu(path: Path, left_out: SkippedRows | None = None) -> tuple[Records, int, int]:
     """Samples (array of SAMPLE), the origin in whole s, and how many rows were skipped because time stood or ran back.
 
     left_out: gathers the rows that cannot be read; without it the first of them is an error. Raises InputMissingError,
@@ -186,9 +186,7 @@ def _in_order(t: Floats) -> NDArray[np.int64]:
     return np.array(kept)
 
 
-def _numbers(
-    source: Table, columns: Sequence[int], names: Sequence[str], left_out: SkippedRows | None
-) -> NDArray[np.float64]:
+def _numbers(source: Table, columns: Sequence[int], names: Sequence[str], left_out: SkippedRows | None) -> Floats:
     """The rows of a table as numbers: all at once, or row by row if any of them cannot be read."""
     try:
         with warnings.catch_warnings():
@@ -244,7 +242,7 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
     return fix
 
 
-def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> NDArray[np.void]:
+def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> Records:
     """Fixes (array of FIX) in order of arrival; left_out as in `read_imu`.
 
     Raises InputMissingError, BadDataError (with line).
@@ -252,7 +250,7 @@ def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> 
     return fixes_of(list(_fix_rows(path, left_out)), origin)
 
 
-def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
+def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> Records:
     """Fixes (array of FIX) in order of arrival, from values by column; a column may be absent, or NaN for unknown."""
     fixes = np.zeros(len(rows), FIX)
     for fix, row in zip(fixes, rows, strict=True):
@@ -280,7 +278,7 @@ def _above_zero(row: dict[str, float], name: str) -> float:
     return value if value > 0.0 else math.nan
 
 
-def read_aiding(source: AidingSource, path: Path, origin: int, left_out: SkippedRows | None = None) -> NDArray[np.void]:
+def read_aiding(source: AidingSource, path: Path, origin: int, left_out: SkippedRows | None = None) -> Records:
     """Measurements (array of MEASUREMENT) of a source in order of arrival; left_out as in `read_imu`.
 
     Columns: t_s, those of the source, and optionally its sigmas and arrival_s. Raises InputMissingError, BadDataError
@@ -303,7 +301,7 @@ def read_aiding(source: AidingSource, path: Path, origin: int, left_out: Skipped
     return measurements_of(source, list(_rows(table, read, left_out)), origin)
 
 
-def measurements_of(source: AidingSource, rows: Sequence[dict[str, float]], origin: int) -> NDArray[np.void]:
+def measurements_of(source: AidingSource, rows: Sequence[dict[str, float]], origin: int) -> Records:
     """Measurements (array of MEASUREMENT) of a source in order of arrival, from values by column.
 
     Raises ValueError for what is impossible.

@@ -33,7 +33,7 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def first_bytes(path: Path, n: int) -> bytes:
-    """At most the first n bytes of a file, to tell what it is. Raises InputMissingError."""
+    """At most the first n bytes of a file, to recognise what it is. Raises InputMissingError."""
     try:
         with path.open("rb") as file:
             return file.read(n)
@@ -45,7 +45,7 @@ def first_bytes(path: Path, n: int) -> bytes:
 
 @dataclass(frozen=True)
 class Table:
-    """The layout of a table, as the beginning of its file tells it."""
+    """The layout of a table, by the beginning of its file."""
 
     path: Path
     names: Sequence[str]

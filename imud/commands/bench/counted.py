@@ -19,7 +19,7 @@ def main() -> int:
     wire = np.ascontiguousarray(signals.frames(10_000)).reshape(-1)
     period_ns = 1_000_000 // signals.FRAME
     contestants: dict[str, Callable[[Any, int], int]] = {
-        "ours": lambda wire, period_ns: throughput.replay_wire(throughput.new_pipeline("attitude"), wire, period_ns)
+        "ours": lambda wire, period_ns: throughput.replay_wire(throughput.attitude_pipeline(), wire, period_ns)
     }
     with tempfile.TemporaryDirectory() as folder:
         try:

@@ -21,7 +21,7 @@ from ...client import RECORD
 from ...errors import ImudError
 from ...process.python import python_command
 from . import reference, signals
-from .throughput import new_pipeline
+from .throughput import attitude_pipeline
 
 _PERIOD_NS = 1_000_000
 _START_S = 3600.0  # a first start compiles
@@ -155,7 +155,7 @@ def _imud(folder: Path, contestant: Contestant) -> list[str]:
 
 def _c_daemon(folder: Path, contestant: Contestant, options: Sequence[str]) -> list[str]:
     """Compile. Raises NoReferenceError."""
-    text, memory = reference.pipeline_source(new_pipeline("attitude"))
+    text, memory = reference.pipeline_source(attitude_pipeline())
     (folder / "kernels.c").write_text(text)
     (folder / "memory").write_bytes(memory)
     reference.compile_c(reference.SOURCES / "daemon.c", folder / "daemon", f"-I{folder}", *options)

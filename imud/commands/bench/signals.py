@@ -17,7 +17,7 @@ from ...estimators.records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from ...math.arrays import Records
+from ...math.arrays import Floats, Records
 from ...math.earth import STANDARD_GRAVITY
 
 RATE_HZ = 1000
@@ -32,7 +32,7 @@ _LAT, _LON = np.radians(35.6586), np.radians(139.7454)
 _HEIGHT_M, _EARTH_M = 60.0, 6.37e6
 
 
-def _motion(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _motion(n: int) -> tuple[Floats, Floats, Floats]:
     """Time, rates and forces: at rest, then accelerating, then on a circle with vibration.
 
     The vibration is fast enough not to move the sensor: fixes must agree with samples, or a filter detects a fault.
@@ -63,13 +63,13 @@ def samples(n: int) -> Records:
 class _Path(NamedTuple):
     """Where the vehicle is, rad, its speed, m/s, and its course, which is its heading, rad."""
 
-    lat: NDArray[np.float64]
-    lon: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    course: NDArray[np.float64]
+    lat: Floats
+    lon: Floats
+    speed: Floats
+    course: Floats
 
 
-def _path(t: NDArray[np.float64]) -> _Path:
+def _path(t: Floats) -> _Path:
     """At these times, s."""
     ramp, circle = np.clip(t - REST_S, 0.0, 5.0), np.maximum(t - REST_S - 5.0, 0.0)
     north = 0.5 * _SPEED / 5.0 * ramp**2 + _SPEED / _TURN * np.sin(_TURN * circle)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import ImudError
 from ...process.python import python_command
+from ..processes import process
 from . import signals
 from .table import Section
 from .turns import Turns
@@ -38,17 +39,17 @@ def _ready(memory_mb: list[float], **variables: str) -> float:
         command = python_command("imud", "run", "--port", f"{folder}/absent", "--listen", f"{folder}/gpsd")
         environment = {**os.environ, "NO_COLOR": "1", **variables}
         begin = time.perf_counter()
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
-            assert process.stderr
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as daemon:
+            assert daemon.stderr
             log = ""
-            for line in process.stderr:
+            for line in daemon.stderr:
                 log += line
                 if _READY in line:
                     break
             seconds = time.perf_counter() - begin
-            memory_mb.append(_resident_mb(process.pid))
-            process.send_signal(signal.SIGTERM)
-            process.stderr.read()
+            memory_mb.append(_resident_mb(daemon.pid))
+            daemon.send_signal(signal.SIGTERM)
+            daemon.stderr.read()
         if _READY not in log:
             raise ImudError(f"bench: the daemon does not start: {log[-500:]}")
         return seconds
@@ -61,41 +62,27 @@ def _resident_mb(pid: int) -> float:
 
 def _time(command: list[str]) -> float:
     begin = time.perf_counter()
-    subprocess.run(
-        command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )  # status and probe end with an error where there is nothing
+    # status and probe end with an error where there is nothing
+    subprocess.run(command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     return time.perf_counter() - begin
 
 
-@contextlib.contextmanager
-def _ended_after(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A command of imud's, until the block ends."""
-    with log.open("wb") as file:
-        process = subprocess.Popen(python_command("imud", *command), stdout=file, stderr=file)
-    with process:
-        try:
-            yield process
-        finally:
-            process.terminate()
-
-
-def memory_with_receiver(client_s: float = _CLIENT_S) -> float:
+def memory_with_receiver() -> float:
     """MB that the daemon takes with an inertial sensor, a receiver and a client. Raises ImudError."""
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        ports, address = [str(folder / device) for device in ("imu", "gnss")], str(folder / "gpsd")
-        links = [word for port in ports for word in ("--link", port)]
-        stack.enter_context(_ended_after(["sim", "g350", "nmea", "--scenario", "car", *links], folder / "sim.log"))
-        _wait_until(lambda: all(map(os.path.exists, ports)), folder / "sim.log")
-        named = [word for port in ports for word in ("--port", port)]
-        daemon = stack.enter_context(_ended_after(["run", *named, "--listen", address], folder / "run.log"))
-        log = folder / "run.log"
+        imu, gnss, address, log = (folder / entry for entry in ("imu", "gnss", "gpsd", "log"))
+        output = stack.enter_context(log.open("a"))
+        links, ports = ([f"--{option}={path}" for path in (imu, gnss)] for option in ("link", "port"))
+        stack.enter_context(process("sim", "g350", "nmea", "--scenario=car", *links, stdout=output, stderr=output))
+        _wait_until(lambda: imu.exists() and gnss.exists(), log)
+        daemon = stack.enter_context(process("run", *ports, f"--listen={address}", stdout=output, stderr=output))
         _wait_until(lambda: log.read_text().count(" streaming ") == len(ports), log)
         with socket.socket(socket.AF_UNIX) as client:
-            client.connect(address)
+            client.connect(str(address))
             client.sendall(b'?WATCH={"enable":true,"json":true};\n')
             client.settimeout(_WAIT_S)
-            end = time.monotonic() + client_s
+            end = time.monotonic() + _CLIENT_S
             while time.monotonic() < end:
                 client.recv(1 << 16)
             return _resident_mb(daemon.pid)

@@ -41,12 +41,12 @@ def timed(act: Callable[[], Any]) -> float:
     return time.process_time() - begin
 
 
-def new_pipeline(estimator: str) -> InertialPipeline:
-    """An M-G350 into an estimator."""
+def attitude_pipeline() -> InertialPipeline:
+    """An M-G350 into the attitude filter."""
     driver = by_name("epson")
     assert driver.kind == "imu"
     configured = ImuConfigured(Identity("epson", "M-G350"), 1000.0, 1_000_000, 0, signals.FRAME)
-    filter_ = Filter(registry.by_name(estimator), Settings(), Initial(), 1000.0)
+    filter_ = Filter(registry.by_name("attitude"), Settings(), Initial(), 1000.0)
     return InertialPipeline(driver, driver.new_state(configured), filter_)
 
 
@@ -65,7 +65,7 @@ class CReplay:
 
     def __init__(self, folder: Path, options: Sequence[str] = ()) -> None:
         """options: more of the compiler's."""
-        text, self._memory = reference.pipeline_source(new_pipeline("attitude"))
+        text, self._memory = reference.pipeline_source(attitude_pipeline())
         self._function = reference.build(text, folder, reference.SOURCES / "replay.c", options).replay
 
     def __call__(self, wire: Any, period_ns: int) -> int:
@@ -81,7 +81,7 @@ def replay(seconds: int, rounds: int) -> Section:
     n = len(frames)
 
     def run_once() -> float:
-        pipeline = new_pipeline("attitude")
+        pipeline = attitude_pipeline()
         return timed(lambda: replay_wire(pipeline, wire, period_ns))
 
     contestants = [run_once]
@@ -89,7 +89,7 @@ def replay(seconds: int, rounds: int) -> Section:
     with tempfile.TemporaryDirectory() as folder:
         try:
             in_c = CReplay(Path(folder))
-            assert in_c(wire, period_ns) == replay_wire(new_pipeline("attitude"), wire, period_ns) >= n - 1
+            assert in_c(wire, period_ns) == replay_wire(attitude_pipeline(), wire, period_ns) >= n - 1
             contestants.append(lambda: timed(lambda: in_c(wire, period_ns)))
         except reference.NoReferenceError as error:
             why = str(error)

@@ -27,9 +27,9 @@ from ...outputs.addresses import PORT, parse_address
 from ...setup import config
 from .. import status, web
 from ..arguments import above_zero, add_settings, seed
+from ..processes import daemon, emulator, process, subscribe
 from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
-from .processes import daemon, emulator, process, subscribe
 from .screen import Display, summary
 
 _SILENCE_S = 30.0

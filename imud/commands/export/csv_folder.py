@@ -22,7 +22,7 @@ class CsvFolder:
     states.csv as it writes them; all on one clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
-        from ...recording.writer import Thinner
+        from ...recording.thinner import Thinner
         from ...tables.estimates import EstimateWriter
         from ...tables.inputs import IMU_COLUMNS, TEMPERATURE
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import CannotCreateError
+from ...recording.thinner import Thinner
 from .rows import FIX_COLUMNS, fix_cells, source_names, tilt_deg
 
 if TYPE_CHECKING:
@@ -60,8 +61,6 @@ class ParquetFolder:
     """imu, gnss, est, states and a table of each aiding source as .parquet; all on the same clock."""
 
     def __init__(self, folder: Path, rate_hz: float, stack: ExitStack) -> None:
-        from ...recording.writer import Thinner
-
         importlib.import_module("pyarrow")  # if it is missing, that is said before the recording is replayed
         try:
             folder.mkdir(exist_ok=True)

@@ -20,8 +20,8 @@ class TrackFiles:
     """The files of the tracks, written at the end."""
 
     def __init__(self, paths: dict[str, Path], rate_hz: float, offset_ns: int, stack: ExitStack) -> None:
+        from ...recording.thinner import Thinner
         from ...recording.tracks import WRITERS, Track
-        from ...recording.writer import Thinner
 
         self._estimates = Track("imud", "the filter's estimates, each from what was known then")
         self._smoothed = Track("smoothed", "the estimates, each from the data before and after it")

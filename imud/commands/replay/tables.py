@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ...estimators.records import FIX, INNOVATION
 from ...math.arrays import Records
 from ...pipeline import Filter
 from ...progress import Progress
+from ...recording.thinner import Thinner
 from ...sensor_errors import calibration
 from ...sensor_monitor.findings import counted
 from ...sensors.receiver import TOO_LATE_NS
@@ -76,32 +76,24 @@ def _replay(
     if args.smooth:
         from ...smoothing import play_smoothed as player
     innovations: list[Records] = []
-    states = FilterStates()
+    states, thinner = FilterStates(), Thinner(args.rate or 0.0, int(samples["t_ns"][0]))
     with open_output(args.output) as file:
+        writer = EstimateWriter(file, origin)
         fed = player(
             filter_,
             samples,
             fixes,
-            EstimateWriter(file, origin).write,
-            _output_mask(samples["t_ns"], args.rate),
-            innovations.append,
-            aiding,
-            Progress(len(samples)).at,
-            None if args.states is None else partial(states.take, filter_),
+            lambda solutions: writer.write(thinner.kept(solutions)),
+            on_innovations=innovations.append,
+            aiding=aiding,
+            on_progress=Progress(len(samples)).at,
+            each_second=None if args.states is None else partial(states.take, filter_),
         )
     if args.innovations is not None:
         _write_innovations(args.innovations, origin, innovations)
     if args.states is not None:
         write_states(args.states, origin, states.rows)
     return fed
-
-
-def _output_mask(t_ns: Any, rate_hz: float | None) -> Any:
-    """Mask of the samples that start a new output period; None: all."""
-    if rate_hz is None:
-        return None
-    slot = np.floor((t_ns - t_ns[0]) * 1e-9 * rate_hz + 1e-6)
-    return np.concatenate([[True], np.diff(slot) > 0])
 
 
 def _estimator_name(args: argparse.Namespace, settings: Settings) -> str:

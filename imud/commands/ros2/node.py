@@ -59,7 +59,7 @@ def sample_of(solution: np.void) -> np.void:
 
 
 def sigmas_of(status: Mapping[str, Any]) -> Sigmas | None:
-    """What samples are worth, of the daemon's flat status; None: it does not tell, as before the first sample."""
+    """What samples are worth, of the daemon's flat status; None: it does not say, as before the first sample."""
     known = nested(status)["filter"].get("sample")
     if known is None:
         return None
@@ -94,7 +94,7 @@ class Publisher:
 
     def __init__(self, node: Any, with_tf: bool) -> None:
         self._converter = Converter()
-        self._converter.sigmas = Sigmas(*sample_sigmas(PROFILES[DEFAULT], _FASTEST_HZ))  # until the daemon tells them
+        self._converter.sigmas = Sigmas(*sample_sigmas(PROFILES[DEFAULT], _FASTEST_HZ))  # until the daemon reports them
         self._antenna_m: Vector | None = None
         self._publishers: dict[str, Any] = {}
         for topic, kind in TOPICS.items():

@@ -1,4 +1,4 @@
-"""What clients of the daemon received: states by number and lateness, estimates beside the truth, its status.
+"""What clients of the daemon received: states by number and lateness, estimates beside the truth.
 
 `python -m imud.commands.soak.received STREAM` is the client of the stream: a process of its own that does nothing but
 read, so that what it misses is the daemon's or the machine's loss. Each line on stdin is answered by its counts.
@@ -17,19 +17,17 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...client import RECORD
 from ...errors import ImudError
+from ...math.arrays import Floats
 from ...process.python import python_command
 from ..demo import LiveComparison
 from ..demo.comparison import Comparison
 
 _NUMBERS = struct.Struct("<8xQqq")  # of a record: seq, utc_offset_ns, t_ns
-_TIMEOUT_S = 10.0
 NO_LATENESS = (math.nan, math.nan, math.nan)
 
 
@@ -53,7 +51,7 @@ class States:
         self._longest_ns = 0
         self._last: tuple[int, int] | None = None
         self._recent: list[float] = []
-        self._before: list[NDArray[np.float64]] = []
+        self._before: list[Floats] = []
 
     def add(self, record: bytes, now_ns: int) -> None:
         seq, _, t_ns = _NUMBERS.unpack_from(record)
@@ -73,7 +71,7 @@ class States:
         return Counts(self._count, self._missing, self._gaps, self._longest_ns * 1e-9, *lateness)
 
 
-def percentiles(late: NDArray[np.float64]) -> tuple[float, float, float]:
+def percentiles(late: Floats) -> tuple[float, float, float]:
     """Median, 99th percentile, maximum; NaN of nothing."""
     if not len(late):
         return NO_LATENESS
@@ -157,23 +155,6 @@ def take_priority_of(daemon: int, other: int) -> None:
     """Give a process the real-time priority of the daemon, if that has one: its lateness would be taken for theirs."""
     if (policy := os.sched_getscheduler(daemon)) in (os.SCHED_FIFO, os.SCHED_RR):
         os.sched_setscheduler(other, policy, os.sched_getparam(daemon))
-
-
-def status_of(path: Path) -> dict[str, Any]:
-    """The daemon's answer to ?STATUS. Raises OSError, TimeoutError."""
-    with socket.socket(socket.AF_UNIX) as client:
-        client.settimeout(_TIMEOUT_S)
-        client.connect(str(path))
-        client.sendall(b"?STATUS;\n")
-        text = b""
-        while b'"STATUS"' not in text or not text.endswith(b"\n"):
-            if not select.select([client], [], [], _TIMEOUT_S)[0] or not (data := client.recv(65536)):
-                raise TimeoutError("the daemon does not answer ?STATUS")
-            text += data
-    found: dict[str, Any] = next(
-        message for line in text.splitlines() if (message := json.loads(line))["class"] == "STATUS"
-    )
-    return found
 
 
 if __name__ == "__main__":

@@ -58,10 +58,10 @@ def text_of(status: Table, form: str) -> str:
         ) from error
 
 
-def ask(address: Address) -> dict[str, Any]:
+def ask(address: Address, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
     """The flat status of the daemon there. Raises DeviceAbsentError (69), PermissionDeniedError (77), ImudError."""
     with socket.socket(address.family, socket.SOCK_STREAM) as sock:
-        sock.settimeout(TIMEOUT_S)
+        sock.settimeout(timeout_s)
         try:
             sock.connect(address.where)
             sock.sendall(b"?STATUS;\n")

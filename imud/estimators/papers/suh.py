@@ -25,7 +25,7 @@ next step. Yaw is not in the paper; it is integrated aside from an arbitrary ori
 the sigma of an angle of which nothing is known. The covariances are in his numbers, whose ratios alone matter (his
 section 5): r_nom = 0.05 stands for 0.22 g of external acceleration, so the sigmas are far above the errors of a sensor
 at rest.
-His delta wants a zeroed accelerometer: more than 2.5 mg of bias along gravity is external acceleration to it for good
+His delta needs a zeroed accelerometer: more than 2.5 mg of bias along gravity is external acceleration to it for good
 (an M-G350 may start with 8 mg).
 """
 

@@ -59,7 +59,7 @@ def velocity_of(fix: Fix) -> tuple[float, float]:
 
 @kernel
 def epoch_of(s: RissState, fix: Fix) -> int:
-    """The instant of which the fix tells, ns: its epoch less the estimated time offset."""
+    """The instant at which the fix is valid, ns: its epoch less the estimated time offset."""
     return fix.t_ns - int(1e9 * s.x[TIME_OFFSET])
 
 

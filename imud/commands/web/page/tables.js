@@ -42,12 +42,12 @@ function words(name, text, kind) {
   return row;
 }
 
-// A row for each port: its device and its faults, unless the rows of sensor and receiver tell them, or why there is none.
+// A row for each port: its device and its faults, unless the rows of sensor and receiver show them, or why there is none.
 function ports(news) {
-  const told = [news.EST?.imu_health, news.EST?.gnss_health].filter(Boolean);
+  const shown = [news.EST?.imu_health, news.EST?.gnss_health].filter(Boolean);
   return parts(news.STATUS ?? {}, PORT).map(([, { path, streaming, model, driver, serial, baud, health: its, description }]) => {
     const device = [model || driver, serial].filter(Boolean).join(" ") + (baud ? `, ${baud} baud` : "");
-    const isGood = its === "ok" || told.some((text) => its?.startsWith(text)); // EST has the beginning
+    const isGood = its === "ok" || shown.some((text) => its?.startsWith(text)); // EST has the beginning
     const text = streaming ? [device, !isGood && its].filter(Boolean).join("; ") : description;
     return words(path.split("/").at(-1), text, streaming && isGood ? "" : "bad");
   });
@@ -55,7 +55,7 @@ function ports(news) {
 
 function health(news, fresh) {
   return [["inertial sensor", "imu_health"], ["receiver", "gnss_health"]].map(([name, key]) => {
-    const text = fresh ? news.EST?.[key] : null; // an old estimate tells how they were
+    const text = fresh ? news.EST?.[key] : null; // an old estimate has them as they were
     return words(name, text, text === "ok" ? "good" : text == null ? "unit" : "bad");
   });
 }

@@ -92,7 +92,7 @@ def rotation_velocity(c: Core) -> Vector:
 
 
 @kernel
-def velocity_jacobian(p: Parameters, c: Core, i: int) -> int:
+def velocity_jacobian(c: Core, i: int) -> int:
     """Jacobian of the velocity along axis i: velocity, both time offsets, lever arm, and by it attitude and gyro bias.
 
     Returns the Jacobian's length.
@@ -150,7 +150,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
         reported = True
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + second_order_of_time(c, i) ** 2
-        length = velocity_jacobian(p, c, i)
+        length = velocity_jacobian(c, i)
         z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else OTHER_AXIS)
         used = nis >= 0.0
         if used and slow == 0.0:

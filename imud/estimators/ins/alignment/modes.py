@@ -100,9 +100,9 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
     if actions & SET_HEADING:
         set_heading_covariance(p, c)
     if actions & TO_IMU:
-        transfer_lever_arm(p, c, 1.0)
+        transfer_lever_arm(c, 1.0)
     if actions & TO_ANTENNA:
-        transfer_lever_arm(p, c, -1.0)
+        transfer_lever_arm(c, -1.0)
     c.alignment.mode = NEXT_MODE[row]
     reset_glr_tests(c)
     reset_confirmations(c)
@@ -170,7 +170,7 @@ def reset_sensor_errors(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def transfer_lever_arm(p: Parameters, c: Core, sign: float) -> None:
+def transfer_lever_arm(c: Core, sign: float) -> None:
     """Move position and velocity from the antenna at the epoch of the fixes to the IMU now (sign 1), or back (-1).
 
     During coarse alignment they are the antenna's and the time offset is no error of it, because all of it comes

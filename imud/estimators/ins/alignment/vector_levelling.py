@@ -166,7 +166,7 @@ def solve_normal(b: HypothesisBank) -> None:
 
 
 @kernel
-def refine_attitude(p: Parameters, c: Core, b: HypothesisBank, q: Quaternion) -> Solved:
+def refine_attitude(c: Core, b: HypothesisBank, q: Quaternion) -> Solved:
     """Least squares from q: attitude of the vectors' frame, error of the gyro bias (rad/s), chi2 of the residuals."""
     N, a = b.vector_normal, c.alignment
     prior = (
@@ -244,7 +244,7 @@ def level_with_vectors(p: Parameters, c: Core, b: HypothesisBank) -> bool:
     n = b.vector_count
     if n < p.tuning.min_vectors:
         return False
-    x = refine_attitude(p, c, b, davenport_attitude(b))
+    x = refine_attitude(c, b, davenport_attitude(b))
     q = (x[0], x[1], x[2], x[3])
     ratio = max(x[7] / (3.0 * n - 3.0), 1.0)
     variance_now = ratio * tilt_variance(c, b, dcm_of_quat(q)) + p.tuning.vector_tilt_floor**2

@@ -1,4 +1,4 @@
-"""The processes of `imud demo` and `imud soak`: the daemon, once it is ready, and the emulator."""
+"""The processes of `imud demo`, `imud soak` and `imud bench`: the daemon, once it is ready, and the emulator."""
 
 import contextlib
 import json
@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...errors import ImudError
-from ...process.python import python_command
+from ..errors import ImudError
+from ..process.python import python_command
 
 _RATE_HZ = 20
 _START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine
@@ -55,10 +55,10 @@ def _wait_until_ready(notifications: socket.socket, daemon: subprocess.Popen[str
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
         if daemon.poll() is not None:
-            raise ImudError(f"demo: the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
+            raise ImudError(f"the daemon ended with code {daemon.returncode}:\n{log.read_text()}")
         if select.select([notifications], [], [], 0.5)[0] and b"READY=1" in notifications.recv(4096):
             return
-    raise ImudError(f"demo: the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
+    raise ImudError(f"the daemon was not ready within {_START_S:.0f} s:\n{log.read_text()}")
 
 
 def emulator(

@@ -9,8 +9,9 @@ from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RA
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
-from .last_sample import set_outage, stamp_variance, update_force_change, update_stamp_variance
+from .last_sample import set_outage, update_force_change
 from .sensor_axes import to_body_axes, to_sensor_axes
+from .stamps import stamp_variance
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -95,12 +96,11 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
 
 
 @kernel
-def add_stamp_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
+def add_stamp_noise(s: State, w: Vector, f: Vector) -> None:
     """Noise from stamps that scatter: a sample that seems longer, and the next one shorter, counts for too much.
 
     Of the errors of the stamps, which nothing else shows, remain in the sum those times the change of the reading.
     """
-    update_stamp_variance(s, dt, dt / min(s.sample_count * dt, p.tuning.stamp_time_s))
     dw2 = df2 = 0.0
     for i in range(3):
         dw2 += (w[i] - s.imu.w[i]) ** 2

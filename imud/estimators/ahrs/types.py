@@ -135,6 +135,7 @@ class Tuning:
 
 
 class Parameters:
+    period_s: float
     gap_s: float
     gyro_psd: float
     gyro_bias_var: float
@@ -182,9 +183,21 @@ class Imu:
     outage_s: float
     fault_s: float
     rate2: float
+
+
+class Stamps:
+    period: float
+    ahead: float
+    waiting: int
+    returns: int
+    misfits: int
     last_dt: float
-    dt_change: float
-    dt_covariance: float
+    rate_change: Reals
+    count: float
+    squares: float
+    offset_offset: float
+    offset_reading: float
+    reading_reading: float
 
 
 class Integrals:
@@ -376,6 +389,7 @@ class State:
     nav: Nav
     cov: Covariance
     imu: Imu
+    stamps: Stamps
     integrals: Integrals
     levelling: Levelling
     motion: Motion

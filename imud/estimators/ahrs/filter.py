@@ -30,17 +30,17 @@ from .outages import (
     add_outage_noise,
     add_shock_noise,
     add_stamp_noise,
+    between,
     force_without_acceleration,
     hold_invalid_axes,
     hold_rate,
-    mean_reading,
 )
 from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import update_quantization
 from .sensor_axes import to_body_axes, to_sensor_axes
 from .solution import write_solution
-from .stamps import even_period
+from .stamps import even_period, time_lost
 from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
@@ -98,10 +98,12 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     else:
         dt = even_period(p, s, w, has_rate, dt)
         add_shock_noise(p, s, f, dt)
-        if sample.flags & SATURATED or dt > p.gap_s or s.imu.outage_s > 0.0:
-            add_outage_noise(p, s, w, f, dt, sample.flags)
-        if dt > p.gap_s:
-            mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
+        lost_s = time_lost(p, s, dt)
+        if sample.flags & SATURATED or lost_s > 0.0 or s.imu.outage_s > 0.0:
+            add_outage_noise(p, s, w, f, dt, lost_s, sample.flags)
+        if lost_s > 0.0:
+            share = 0.5 * lost_s / dt
+            mechanize(p, s, between(s.imu.w, w, share), between(s.imu.f, f, share), dt)
         else:
             add_stamp_noise(s, w, f)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)

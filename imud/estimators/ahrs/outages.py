@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 
 
 @kernel
-def mean_reading(a: Reals, b: Vector) -> Vector:
-    """The mean of the readings on both sides of a gap: the best guess of the values in it."""
-    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+def between(a: Reals, b: Vector, share: float) -> Vector:
+    """Reading b with this share of reading a.
+
+    Half and half is the best guess of the values in a gap between them; the last period is that of b alone.
+    """
+    kept = 1.0 - share
+    return share * a[0] + kept * b[0], share * a[1] + kept * b[1], share * a[2] + kept * b[2]
 
 
 @kernel
@@ -69,10 +73,11 @@ def force_without_acceleration(p: Parameters, s: State, dt: float) -> Vector:
 
 
 @kernel
-def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, flags: int) -> None:
+def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, lost_s: float, flags: int) -> None:
     """Add noise for motion that was not measured: in gaps, while values are held, and beyond the range.
 
-    `flags` (of the sample) may name which sensor is saturated; if not, it may be either.
+    lost_s: of the time dt since the last sample that for which samples are missing. `flags` (of the sample) may name
+    which sensor is saturated; if not, it may be either.
     """
     c, last = p.tuning, s.imu
     dw2 = df2 = w2 = f2 = 0.0
@@ -81,8 +86,9 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
         df2 += (f[i] - last.f[i]) ** 2
         w2 += w[i] * w[i]
         f2 += f[i] * f[i]
-    if dt > p.gap_s:
-        add_noise(s, (dw2 + c.gap_rate_psd * dt) * dt * dt / 12.0, (df2 + c.gap_force_psd * dt) * dt * dt / 12.0)
+    if lost_s > 0.0:
+        part = lost_s * lost_s / 12.0
+        add_noise(s, (dw2 + c.gap_rate_psd * lost_s) * part, (df2 + c.gap_force_psd * lost_s) * part)
     if last.outage_s > 0.0:
         held2 = last.outage_s * last.outage_s
         share = 1.0 / 3.0 if last.fault_s == 0.0 else 0.0  # of a fault `hold_rate` has added how wrong rates may be

@@ -37,7 +37,7 @@ _FILTER = (
 )
 
 _SENSOR = (
-    Tunable("gap_periods", 2.5, "", "A step of more nominal sample periods is a gap.", UNRECORDED),
+    Tunable("gap_periods", 1.5, "", "A step of more sample periods is a gap.", UNRECORDED),
     Tunable("gravity_spread", 0.0015, "", "Sigma of gravity on earth, over standard gravity.", "WGS-84, 0 to 60 deg."),
     Tunable(
         "accel_bias_time_s",

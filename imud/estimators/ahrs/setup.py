@@ -30,7 +30,6 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
     tuning = p["tuning"][0]
     p["period_s"] = 1.0 / rate_hz
-    p["gap_s"] = tuning["gap_periods"] / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2
     p["gyro_bias_var"] = profile.gyro_bias_initial**2
     p["gyro_bias_inflation"] = profile.gyro_bias_wide**2 - p["gyro_bias_var"]

@@ -157,6 +157,12 @@ def even_period(p: Parameters, s: State, w: Vector, has_rate: bool, dt: float) -
 
 
 @kernel
+def time_lost(p: Parameters, s: State, dt: float) -> float:
+    """Of the time dt since the last sample that for which samples are missing, s."""
+    return dt - s.stamps.period if dt > p.tuning.gap_periods * s.stamps.period else 0.0
+
+
+@kernel
 def stamp_variance(s: State) -> float:
     """Of what is left of the errors of the stamps in the periods, s^2.
 

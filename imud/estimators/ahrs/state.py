@@ -34,7 +34,6 @@ BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 PARAMETERS = np.dtype(
     [
         ("period_s", "<f8"),  # nominal, of samples
-        ("gap_s", "<f8"),  # a longer step between samples is a gap
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
         ("gyro_bias_inflation", "<f8"),  # (rad/s)^2, added to that if the bias contradicts it

@@ -136,7 +136,6 @@ class Tuning:
 
 class Parameters:
     period_s: float
-    gap_s: float
     gyro_psd: float
     gyro_bias_var: float
     gyro_bias_inflation: float

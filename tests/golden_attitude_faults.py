@@ -36,6 +36,22 @@ def short_gaps():
 
 
 @golden("attitude")
+def stamps_that_scatter():
+    """Even samples; one in a hundred comes late, and those behind it at once. Of 1.5 s each second one is lost."""
+    truth = lively(60.0, still=5.0, turning=1.5)
+    samples = shown(truth)
+    rng = np.random.RandomState(5)
+    waits = 5.0 * rng.uniform(size=len(samples)) * (rng.uniform(size=len(samples)) < 0.01)
+    late = 1e7 * (0.2 * rng.uniform(size=len(samples)) + waits)
+    samples["t_ns"] = np.maximum.accumulate(samples["t_ns"] + np.round(late).astype(np.int64))
+    samples["t_ns"] += 1000 * np.arange(len(samples))
+    kept = np.ones(len(samples), bool)
+    kept[2000:2003] = kept[3000:3003] = False
+    kept[4000:4150:2] = False
+    return judged(samples[kept])
+
+
+@golden("attitude")
 def power_on():
     """Of another sensor, with other biases, at rest and in motion."""
     truth = lively(60.0)

@@ -85,6 +85,7 @@ AHRS = {
     "Nav": ahrs.NAV,
     "Covariance": ahrs.COVARIANCE,
     "Imu": ahrs.IMU,
+    "Stamps": ahrs.STAMPS,
     "Integrals": ahrs.INTEGRALS,
     "Levelling": ahrs.LEVELLING,
     "Motion": ahrs.MOTION,

@@ -15,7 +15,7 @@ from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .history import record_hypotheses
 from .integrals import reset_integrals
-from .last_sample import forget_period, set_outage, store_sample, update_mean_square_rate
+from .last_sample import set_outage, store_sample, update_mean_square_rate
 from .levelling import (
     coarse_level,
     initialise_attitude,
@@ -30,16 +30,17 @@ from .outages import (
     add_outage_noise,
     add_shock_noise,
     add_stamp_noise,
+    between,
     force_without_acceleration,
     hold_invalid_axes,
     hold_rate,
-    mean_reading,
 )
 from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import update_quantization
 from .sensor_axes import to_body_axes, to_sensor_axes
 from .solution import write_solution
+from .stamps import even_period, time_lost
 from .state import ATTITUDE
 from .stationarity import add_hidden_motion, detect_stationary, restart_means, update_means
 from .truncation import compensate_truncation
@@ -95,21 +96,24 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     elif is_first:
         restart_after_gap(p, s, w, f, dt)
     else:
+        dt = even_period(p, s, w, has_rate, dt)
         add_shock_noise(p, s, f, dt)
-        if sample.flags & SATURATED or dt > p.gap_s or s.imu.outage_s > 0.0:
-            add_outage_noise(p, s, w, f, dt, sample.flags)
-        if dt > p.gap_s:
-            forget_period(s)
-            mechanize(p, s, mean_reading(s.imu.w, w), mean_reading(s.imu.f, f), dt)
+        lost_s = time_lost(p, s, dt)
+        if sample.flags & SATURATED or lost_s > 0.0 or s.imu.outage_s > 0.0:
+            add_outage_noise(p, s, w, f, dt, lost_s, sample.flags)
+        if lost_s > 0.0:
+            share = 0.5 * lost_s / dt
+            mechanize(p, s, between(s.imu.w, w, share), between(s.imu.f, f, share), dt)
         else:
-            add_stamp_noise(p, s, w, f, dt)
+            add_stamp_noise(s, w, f)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
         update_scatter(p, s, dt)
         if has_rate and has_force:
             update_means(p, s, w, f, dt)
         else:
             restart_means(s, w, f)
-        store_sample(s, w, f)
+        if s.stamps.waiting == 0:
+            store_sample(s, w, f)
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0, 0.0)

@@ -39,6 +39,7 @@ from .integrals import reset_integrals
 from .last_sample import store_first_sample
 from .mechanization import set_attitude
 from .motion import begins_at_rest, reset_motion, start_motion
+from .stamps import forget_stamps
 from .state import ATTITUDE, GYRO_BIAS
 from .stationarity import restart_stationarity
 
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 def restart_imu(s: State, w: Vector, f: Vector) -> None:
     """Take the first sample, or the first one after a long gap: running means start from it."""
     store_first_sample(s, w, f)
+    forget_stamps(s)
     restart_stationarity(s, w, f)
 
 

@@ -9,8 +9,9 @@ from imud.drivers.sample import LIMITED_AXES, LIMITED_FORCE, LIMITED_RATE, NO_RA
 from ...compile.jit import kernel
 from ...math.rotation import Vector, quat_rotate_back
 from .integrals import add_noise
-from .last_sample import set_outage, stamp_variance, update_force_change, update_stamp_variance
+from .last_sample import set_outage, update_force_change
 from .sensor_axes import to_body_axes, to_sensor_axes
+from .stamps import stamp_variance
 
 if TYPE_CHECKING:
     from ...math.arrays import Reals
@@ -18,9 +19,13 @@ if TYPE_CHECKING:
 
 
 @kernel
-def mean_reading(a: Reals, b: Vector) -> Vector:
-    """The mean of the readings on both sides of a gap: the best guess of the values in it."""
-    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+def between(a: Reals, b: Vector, share: float) -> Vector:
+    """Reading b with this share of reading a.
+
+    Half and half is the best guess of the values in a gap between them; the last period is that of b alone.
+    """
+    kept = 1.0 - share
+    return share * a[0] + kept * b[0], share * a[1] + kept * b[1], share * a[2] + kept * b[2]
 
 
 @kernel
@@ -68,10 +73,11 @@ def force_without_acceleration(p: Parameters, s: State, dt: float) -> Vector:
 
 
 @kernel
-def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, flags: int) -> None:
+def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, lost_s: float, flags: int) -> None:
     """Add noise for motion that was not measured: in gaps, while values are held, and beyond the range.
 
-    `flags` (of the sample) may name which sensor is saturated; if not, it may be either.
+    lost_s: of the time dt since the last sample that for which samples are missing. `flags` (of the sample) may name
+    which sensor is saturated; if not, it may be either.
     """
     c, last = p.tuning, s.imu
     dw2 = df2 = w2 = f2 = 0.0
@@ -80,8 +86,9 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
         df2 += (f[i] - last.f[i]) ** 2
         w2 += w[i] * w[i]
         f2 += f[i] * f[i]
-    if dt > p.gap_s:
-        add_noise(s, (dw2 + c.gap_rate_psd * dt) * dt * dt / 12.0, (df2 + c.gap_force_psd * dt) * dt * dt / 12.0)
+    if lost_s > 0.0:
+        part = lost_s * lost_s / 12.0
+        add_noise(s, (dw2 + c.gap_rate_psd * lost_s) * part, (df2 + c.gap_force_psd * lost_s) * part)
     if last.outage_s > 0.0:
         held2 = last.outage_s * last.outage_s
         share = 1.0 / 3.0 if last.fault_s == 0.0 else 0.0  # of a fault `hold_rate` has added how wrong rates may be
@@ -95,12 +102,11 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, f
 
 
 @kernel
-def add_stamp_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float) -> None:
+def add_stamp_noise(s: State, w: Vector, f: Vector) -> None:
     """Noise from stamps that scatter: a sample that seems longer, and the next one shorter, counts for too much.
 
     Of the errors of the stamps, which nothing else shows, remain in the sum those times the change of the reading.
     """
-    update_stamp_variance(s, dt, dt / min(s.sample_count * dt, p.tuning.stamp_time_s))
     dw2 = df2 = 0.0
     for i in range(3):
         dw2 += (w[i] - s.imu.w[i]) ** 2

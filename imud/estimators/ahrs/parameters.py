@@ -37,7 +37,7 @@ _FILTER = (
 )
 
 _SENSOR = (
-    Tunable("gap_periods", 2.5, "", "A step of more nominal sample periods is a gap.", UNRECORDED),
+    Tunable("gap_periods", 1.5, "", "A step of more sample periods is a gap.", UNRECORDED),
     Tunable("gravity_spread", 0.0015, "", "Sigma of gravity on earth, over standard gravity.", "WGS-84, 0 to 60 deg."),
     Tunable(
         "accel_bias_time_s",
@@ -81,7 +81,7 @@ _OUTAGES = (
     Tunable("gap_force_psd", 3.0**2, "(m/s^2)^2/s", "Random walk of the specific force in a gap.", UNRECORDED),
     Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
     Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
-    Tunable("stamp_time_s", 10.0, "s", "Time over which the scatter of stamps is learned.", HANDS, low=0.1),
+    Tunable("stamp_time_s", 60.0, "s", "Time over which is learned whether it is stamps that scatter.", HANDS, low=0.1),
     Tunable("clipping_error", 0.5, "", "Error of a rotation beyond the gyro's range, over its estimate.", HANDS),
     Tunable(
         "clipping_slope_kept",

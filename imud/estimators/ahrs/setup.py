@@ -29,7 +29,7 @@ def configure(settings: Settings, rate_hz: float) -> Records:
     p = np.zeros(1, PARAMETERS)
     p["tuning"] = values_of(TUNABLES, settings.attitude.tuning)
     tuning = p["tuning"][0]
-    p["gap_s"] = tuning["gap_periods"] / rate_hz
+    p["period_s"] = 1.0 / rate_hz
     p["gyro_psd"] = profile.gyro_noise**2
     p["gyro_bias_var"] = profile.gyro_bias_initial**2
     p["gyro_bias_inflation"] = profile.gyro_bias_wide**2 - p["gyro_bias_var"]
@@ -77,6 +77,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["levelling"]["initial_rpy"] = [math.nan if angle is None else math.radians(angle) for angle in angles]
     s["levelling"]["true_heading"] = initial.yaw_deg is not None
     s["variance_factor"]["tilt_scale"] = 1.0
+    s["stamps"]["period"] = parameters["period_s"]
     s["cov"]["sigma_tilt"] = s["cov"]["sigma_rpy"] = UNKNOWN_ANGLE
     s["cov"]["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s

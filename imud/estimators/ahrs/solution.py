@@ -12,8 +12,8 @@ from imud.drivers.sample import UNCONFIRMED_RATE
 from ...compile.jit import kernel
 from ...math.rotation import UNKNOWN_ANGLE
 from ..records import AT_REST, ATTITUDE_VALID, HEADING_VALID, SATURATED
-from .last_sample import turn_in_stamp_error
 from .mechanization import compensate_force, compensate_rate
+from .stamps import turn_in_stamp_error
 
 if TYPE_CHECKING:
     from ..types import Solution

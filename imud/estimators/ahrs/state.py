@@ -33,7 +33,7 @@ BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 # From the sensor's profile: variances, power spectral densities, the nominal sample period.
 PARAMETERS = np.dtype(
     [
-        ("gap_s", "<f8"),  # a longer step between samples is a gap
+        ("period_s", "<f8"),  # nominal, of samples
         ("gyro_psd", "<f8"),  # rad^2/s
         ("gyro_bias_var", "<f8"),  # (rad/s)^2 at switch-on
         ("gyro_bias_inflation", "<f8"),  # (rad/s)^2, added to that if the bias contradicts it
@@ -90,9 +90,27 @@ IMU = np.dtype(  # the newest good sample as measured
         ("outage_s", "<f8"),  # for how long the rate has been held
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
-        ("last_dt", "<f8"),  # s, between the newest two samples; 0: not known
-        ("dt_change", "<f8"),  # s, by which it differs from that before
-        ("dt_covariance", "<f8"),  # s^2, of one such time with the next
+    ],
+    align=True,
+)
+
+STAMPS = np.dtype(
+    [
+        ("period", "<f8"),  # s, of even samples
+        ("ahead", "<f8"),  # s, by how much the newest sample is later than its stamp
+        ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
+        ("returns", "<i8"),  # 1: the last sample that seemed to come after lost ones was late
+        ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
+        ("last_dt", "<f8"),  # s, between the stamps of the newest two samples; 0: not known
+        ("rate_change", "<f8", (3,)),  # rad/s, from the sample before
+        ("count", "<f8"),  # of the samples in these sums, which fade
+        ("squares", "<f8"),  # s^2, of the stamps about those of even samples
+        (
+            "offset_offset",
+            "<f8",
+        ),  # (rad/s)^2, of a reading from its neighbours' mean by its stamp, squared
+        ("offset_reading", "<f8"),  # the same times that of the reading
+        ("reading_reading", "<f8"),  # that of the reading, squared
     ],
     align=True,
 )
@@ -324,6 +342,7 @@ STATE = np.dtype(
         ("nav", NAV),
         ("cov", COVARIANCE),
         ("imu", IMU),
+        ("stamps", STAMPS),
         ("integrals", INTEGRALS),
         ("levelling", LEVELLING),
         ("motion", MOTION),

@@ -135,7 +135,7 @@ class Tuning:
 
 
 class Parameters:
-    gap_s: float
+    period_s: float
     gyro_psd: float
     gyro_bias_var: float
     gyro_bias_inflation: float
@@ -182,9 +182,21 @@ class Imu:
     outage_s: float
     fault_s: float
     rate2: float
+
+
+class Stamps:
+    period: float
+    ahead: float
+    waiting: int
+    returns: int
+    misfits: int
     last_dt: float
-    dt_change: float
-    dt_covariance: float
+    rate_change: Reals
+    count: float
+    squares: float
+    offset_offset: float
+    offset_reading: float
+    reading_reading: float
 
 
 class Integrals:
@@ -376,6 +388,7 @@ class State:
     nav: Nav
     cov: Covariance
     imu: Imu
+    stamps: Stamps
     integrals: Integrals
     levelling: Levelling
     motion: Motion

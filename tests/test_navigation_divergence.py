@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import ekf
+from imud.estimators.ins.aiding.gnss_reset import inflate_to_diverging
 from imud.estimators.ins.aiding.position_divergence import measure_divergence
 from imud.estimators.ins.integrity.reset_inflation import limit_inflation
 from imud.estimators.ins.parameters import configure
@@ -93,6 +94,21 @@ def test_the_estimate_does_not_follow_a_receiver_that_drifts(every, sigma, seed)
     assert np.abs(errors(d, out)[0][d.t > 60.0, :2]).max() < 20.0
 
 
+def test_a_velocity_that_a_wrong_tilt_has_made_shows_no_heading():
+    """A robot that stood had its heading to 1 deg then, by the direction of that velocity, and was 28 deg off."""
+    c = core()
+    for i, sigma in ((3, 1.0), (ATTITUDE, 0.01), (ATTITUDE + 1, 0.01), (ATTITUDE + 2, np.radians(10.0))):
+        ekf.decorrelate(c, i, sigma**2)
+    ekf.add_covariance(c, 3, ATTITUDE + 2, 0.9 * np.radians(10.0))
+    before = unpack(c.cov.P, STATES)
+    interpreted(inflate_to_diverging)(P, c, 50.0)
+    after = unpack(c.cov.P, STATES)
+    assert before[3, ATTITUDE + 2] > 0.0
+    assert np.count_nonzero(after[ATTITUDE + 2]) == 1
+    assert after[3, 3] > before[3, 3]
+    assert after[ATTITUDE + 2, ATTITUDE + 2] > before[ATTITUDE + 2, ATTITUDE + 2]
+
+
 def changed(samples, w=(0.0, 0.0, 0.0), f=(0.0, 0.0, 0.0)):
     later = samples["t_ns"] * 1e-9 - 100.0 >= STEP_S
     samples["w"][later] += np.radians(w)
@@ -129,20 +145,6 @@ def test_two_outliers_in_a_row_are_no_divergence():
         fixes["lat"][k] += metres / 6.37e6
     out = navigate(sensed(D, rng), fixes)[0]
     assert np.abs(errors(D, out)[0][D.t > 60.0, :2]).max() < 1.5
-
-
-def test_the_reduced_variance_leaves_the_correlations():
-    rng, c = np.random.default_rng(5), core()
-    root = rng.standard_normal((STATES, STATES))
-    before = root @ root.T
-    c.cov.P[:] = before[np.triu_indices(STATES)]
-    interpreted(ekf.reduce)(c, ATTITUDE + 2, 0.25 * before[ATTITUDE + 2, ATTITUDE + 2])
-    after = unpack(c.cov.P, STATES)
-    scale = np.eye(STATES)
-    scale[ATTITUDE + 2, ATTITUDE + 2] = 0.5
-    assert_allclose(after, scale @ before @ scale, rtol=1e-12)
-    interpreted(ekf.reduce)(c, ATTITUDE + 2, before[ATTITUDE + 2, ATTITUDE + 2])
-    assert_allclose(unpack(c.cov.P, STATES), after)  # it was smaller
 
 
 def test_a_heading_that_is_found_ends_the_drift_that_was_stated_and_leaves_a_jump():

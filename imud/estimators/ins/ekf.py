@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.kalman import measure, packed_index, predicted_variance, reset, scale, shear, shear3, update_by_gain
+from ...math.kalman import measure, packed_index, predicted_variance, reset, shear, shear3, update_by_gain
 from ...math.rotation import Vector
 from ..tuning import Tunable
 from .mechanization import displace, rotate_attitude
@@ -103,14 +103,6 @@ def inflate(c: Core, factor: float) -> None:
             P[begin + j] *= factor
         for j in range(GNSS_LEVER_ARM, STATES):
             P[begin + j] *= root
-
-
-@kernel
-def reduce(c: Core, i: int, variance_: float) -> None:
-    """Reduce the variance of state i to `variance_`, if it is larger; its correlations stay."""
-    now = variance(c, i)
-    if now > variance_:
-        scale(c.cov.P, STATES, i, math.sqrt(variance_ / now))
 
 
 @kernel

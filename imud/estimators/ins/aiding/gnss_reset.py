@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
-from ..ekf import add_variance, decorrelate, inflate, reduce, variance
+from ..ekf import add_variance, decorrelate, inflate, variance
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
 from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY
@@ -132,12 +132,13 @@ def inflate_to_diverging(p: Parameters, c: Core, nis: float) -> None:
     """Multiply P by the NIS of a position from which the estimate diverges, so that it is used.
 
     A bias or the mounting has changed, say: tilt and velocity have gone wrong together, which a reset of the position
-    would not correct. The heading, which turns slowly meanwhile, is as after a reset. The receiver may be wrong
-    instead, unless it has centimetre accuracy: then the difference is stated as an error.
+    would not correct. The heading, which turns slowly meanwhile, is as after a reset: the velocity shows nothing of it,
+    as it comes of no force. The receiver may be wrong instead, unless it has centimetre accuracy: then the difference
+    is stated as an error.
     """
     heading2 = variance(c, ATTITUDE + 2)
     inflate(c, diverging_inflation(p, c, nis))
-    reduce(c, ATTITUDE + 2, heading2 + p.tuning.reset_heading_sigma**2)
+    decorrelate(c, ATTITUDE + 2, heading2 + p.tuning.reset_heading_sigma**2)
     for i in range(2 if c.gnss.reported_sigma[HORIZONTAL] >= p.tuning.survey_sigma else 0):
         inflate_position(c, i, bias_free_innovation(c, i) ** 2)
 

@@ -81,14 +81,12 @@ def test_a_receiver_may_average_its_positions_until_the_acceleration_has_shown_o
     assert beside - without == pytest.approx(left**2 * (0.2**2 - PRIOR_S**2), rel=0.05)
 
 
-def test_averaged_positions_of_a_fast_car_are_hardly_ever_wrong_and_sure():
-    """By half a second, at 30 m/s, and seldom accelerated; before a delay was stated: some 140 s of 240 each."""
-    runs = [
-        accuracy_simulated.figures("motorway", "1 Hz positions", 0.0, seed, error="averaged both")
-        for seed in range(1300, 1312)
-    ]
-    assert np.mean([run["position s"] for run in runs]) < 40.0
-    assert np.median([run["position s"] for run in runs]) < 25.0
+@pytest.mark.parametrize("seed", [1300, 1301])
+def test_averaged_positions_of_a_fast_car_are_not_wrong_and_sure(seed):
+    """By half a second, at 30 m/s, and seldom accelerated; before a delay was stated: 145 and 133 s."""
+    assert (
+        accuracy_simulated.figures("motorway", "1 Hz positions", 0.0, seed, error="averaged both")["position s"] < 25.0
+    )
 
 
 @pytest.mark.parametrize(("vehicle", "receiver", "seed"), [("helicopter", "1 Hz", 1301), ("aerobatic", "RTK", 1300)])

@@ -100,10 +100,8 @@ def test_a_compass_that_gave_a_wrong_heading_is_found_out(where, fault):
 
 @pytest.mark.parametrize("where", LAND)
 @pytest.mark.parametrize("fault", OF_POSES)
-def test_a_map_that_is_turned_is_found_out(where, fault, request):
+def test_a_map_that_is_turned_is_found_out(where, fault):
     """Its yaw gives the heading at rest, and was believed for the whole drive; now until the vehicle has moved."""
-    if (where, fault) == ("robot", "map turned by 10 deg"):
-        request.applymarker(WARMS_UP)
     found = cell(11, "pose", fault, where)
     assert found.sure_s == 0.0, found.worst
     assert found.rms["yaw"] < 3.0

@@ -52,4 +52,4 @@ def test_a_start_under_way_finds_the_heading_and_is_hardly_ever_wrong_with_confi
     assert wrong.sum() < 10.0
     assert not any(w[-1] for _, w in runs)
     assert all(v.any() for v, _ in runs)
-    assert np.median([np.argmax(v) / RATE for v, _ in runs]) < 67.0
+    assert np.median([np.argmax(v) / RATE for v, _ in runs]) < 66.0

@@ -18,7 +18,7 @@ BOUNDS = [
     ("ixr-0412", "rtk", 0.02, 0.05, None, "60", 2.5, 5.0),
     ("ixr-0412", "nmea_grade", 2.5, 0.08, None, "30", 5.0, 8.0),
     ("ixr-0412", "receiver_like", 2.4, 0.08, None, "60", 4.0, 6.0),
-    ("dtu-ugv4", "rtk", 0.09, 0.09, 1.4, "30", 7.0, 14.5),
+    ("dtu-ugv4", "rtk", 0.09, 0.09, 1.4, "30", 7.0, 14.1),
     ("dtu-ugv4", "nmea_grade", 3.2, 0.15, 3.4, "30", 7.0, 20.0),  # two windows begin before the heading is found
     ("dtu-ugv4", "receiver_like", 3.2, 0.12, 1.8, "30", 7.0, 20.0),
 ]

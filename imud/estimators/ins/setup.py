@@ -72,7 +72,7 @@ TUNABLES = (
 
 NEVER = {  # records of the core: their times that begin as NEVER_NS
     "gnss": ("last_used_ns",),
-    "alignment": ("pair_start_ns", "last_match_ns", "low_motion_ns", "vector_start_ns"),
+    "alignment": ("level_accel_ns", "pair_start_ns", "last_match_ns", "low_motion_ns", "vector_start_ns"),
     "nhc": ("waits_since_ns",),
     "drift": ("onset_ns",),
     "time_offset_step": ("onset_ns",),

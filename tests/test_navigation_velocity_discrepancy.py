@@ -48,7 +48,7 @@ def test_a_false_velocity_is_never_sure_for_more_than_seconds(d, begin, speed, o
         0.0,
         3.0,
         False,
-    )  # for a while after a minute: the car drives so then
+    )  # for a while: the car drives so then
     assert sure_s(p, out["sigma_p"], 5.0, out) < 10.0
     assert sure_s(v, out["sigma_v"], 1.0, out) < (20.0 if agrees else 15.0)
     if speed > 1.0:

@@ -42,11 +42,8 @@ class RecordingFile:
 
     @property
     def is_in_place(self) -> bool:
-        """Whether it still has its name: what is written to a file that was removed is lost when it is closed."""
-        try:
-            return os.path.samestat(os.lstat(self.path), os.fstat(self._file.fileno()))
-        except FileNotFoundError:
-            return False
+        """Whether a file of its name is there, and it was not removed: what is written to it then is lost."""
+        return os.path.lexists(self.path) and os.fstat(self._file.fileno()).st_nlink > 0
 
     def write(self, topic: str, unix_ns: int, data: bytes) -> None:
         """A message, at the time by which viewers show it."""

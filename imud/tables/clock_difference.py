@@ -18,6 +18,7 @@ _PAIRS, _MOST_PAIRS = 40, 3600  # of fixes
 _TURNED_RAD = np.pi  # in all, to and fro
 _EXPLAINED = 0.9  # share of the variance
 _RESIDUAL = 0.2  # of the best one, over the least that the filter would find
+_ALIKE = 2.0  # residuals of two differences that are as good as each other, one over the other
 _SCALES = (0.8, 1.25)
 _LEVELLING_S = 2.0  # over which the specific force is averaged for the vertical
 
@@ -42,10 +43,19 @@ def clock_difference_s(samples: Records, fixes: Records) -> float | None:
         both, most = gyro @ receiver, (gyro @ gyro) * (receiver @ receiver)
         if both > 0.0:
             explained[i], scales[i] = both * both / most, gyro @ gyro / both
-    best, near = int(np.argmax(explained)), np.abs(differences) <= _FOUND_S
+    residual, near = 1.0 - explained, np.abs(differences) <= _FOUND_S
+    best = _nearest_minimum(residual)
     is_clear = explained[best] > _EXPLAINED and _SCALES[0] < scales[best] < _SCALES[1]
-    is_clear = is_clear and 1.0 - explained[best] < _RESIDUAL * (1.0 - explained[near].max())
+    is_clear = is_clear and residual[best] < _RESIDUAL * residual[near].min()
     return float(differences[best]) if is_clear else None
+
+
+def _nearest_minimum(residual: Floats) -> int:
+    """Of the minima that are about as good as the best one, which who goes to and fro has many of, the middle one."""
+    outside = np.pad(residual, 1, constant_values=np.inf)
+    is_minimum = (residual <= outside[:-2]) & (residual <= outside[2:]) & (residual <= _ALIKE * residual.min())
+    minima = np.flatnonzero(is_minimum)
+    return int(minima[np.argmin(np.abs(minima - len(residual) // 2))])
 
 
 def _turns_of_course(fixes: Records) -> tuple[Floats, Floats, Floats]:

@@ -65,7 +65,9 @@ def run(args: argparse.Namespace) -> int:
         late = f"its fixes arrive {late_ns * 1e-9:.1f} s after their t_s"
         print(f"imud replay: {args.gnss}: {late}: navigation uses none that is more than 2 s late", file=sys.stderr)
     if (behind_s := clock_difference_s(samples, fixes)) is not None:
-        differ = f"the times of its fixes are {abs(behind_s):g} s {'behind' if behind_s > 0.0 else 'ahead of'} those"
+        differ = (
+            f"the times of its fixes are about {abs(behind_s):g} s {'behind' if behind_s > 0.0 else 'ahead of'} those"
+        )
         turns = f"of {args.imu}, by the turns in both: the estimates are wrong until both are on the same clock"
         print(f"imud replay: {args.gnss}: {differ} {turns}", file=sys.stderr)
     left_out[0].judge(len(samples))

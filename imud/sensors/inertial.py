@@ -68,7 +68,7 @@ class Inertial:
         self._fault_texts, self._initial_status = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         by_itself = configured.request is None and not isinstance(line, KnownDevice)
-        self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
+        self.rate_monitor = SampleRateMonitor(configured.rate_hz) if by_itself else None
         self.period_s = 1.0 / configured.rate_hz
         self.has_gyros, self.has_quartz = all(configured.gyro_axes), configured.has_quartz
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
@@ -110,8 +110,15 @@ class Inertial:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
         if self.rate_monitor is None or self._newest < 0:
             return None
-        self.rate_monitor.update(int(self.pipeline.samples[self._newest]["tick"]), self.last_data_ns)
+        self.rate_monitor.update(self._sent(), self.last_data_ns)
         return self.rate_monitor.share
+
+    def _sent(self) -> int:
+        """Samples that the sensor has sent: by its counter, or if that is a timer, by the bytes that came."""
+        if self.configured.period_ns * 1e-9 * self.configured.rate_hz > 0.5:
+            return int(self.pipeline.samples[self._newest]["tick"])
+        frames, junk = (int(self.pipeline.decoder[name][0]) for name in ("frames", "junk"))
+        return frames + junk // self.configured.frame_bytes
 
     @property
     def newest(self) -> np.void | None:

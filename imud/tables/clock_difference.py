@@ -6,9 +6,12 @@ difference of the clocks. The regression must explain nearly all, with the scale
 the differences that the navigation filter finds by itself. What drifts or hovers proves nothing.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..math.arrays import Floats, Records
+from ..math.earth import MEAN_RADIUS_M
 
 _STEP_S, _LARGEST_S = 0.25, 120.0  # differences that are compared
 _FOUND_S = 1.5  # up to which the navigation filter finds them by itself
@@ -23,13 +26,29 @@ _SCALES = (0.8, 1.25)
 _LEVELLING_S = 2.0  # over which the specific force is averaged for the vertical
 
 
+def warn_of_clocks(samples: Records, fixes: Records, warn: Callable[[str], object]) -> None:
+    """Call `warn` if the fixes (array of FIX) are plainly on another clock than the samples (array of SAMPLE)."""
+    if (behind_s := clock_difference_s(samples, fixes)) is not None:
+        side = "behind" if behind_s > 0.0 else "ahead of"
+        warn(
+            f"the times of its fixes are about {abs(behind_s):g} s {side} those of the inertial sensor, by the turns "
+            "in both: the estimates are wrong until they agree"
+        )
+
+
 def clock_difference_s(samples: Records, fixes: Records) -> float | None:
     """By how much the times of the fixes (array of FIX) are behind those of the samples (array of SAMPLE).
 
     None: it is small, or not known.
     """
+    if len(fixes) < _PAIRS:
+        return None
     begin, end, course = _turns_of_course(fixes)
-    if len(course) < _PAIRS or len(samples) < 2:
+    if len(course) < _PAIRS:
+        return None
+    within = np.searchsorted(samples["t_ns"], 1e9 * np.array([begin[0] - _LARGEST_S, end[-1] + _LARGEST_S]))
+    samples = samples[slice(*within)]
+    if len(samples) < 2:
         return None
     t_s, yaw = 1e-9 * samples["t_ns"], _turned(samples)
     differences = np.arange(-_LARGEST_S, _LARGEST_S + _STEP_S, _STEP_S)
@@ -51,7 +70,9 @@ def clock_difference_s(samples: Records, fixes: Records) -> float | None:
 
 
 def _nearest_minimum(residual: Floats) -> int:
-    """Of the minima that are about as good as the best one, which who goes to and fro has many of, the middle one."""
+    """Of the minima that are about as good as the best one, the one nearest to no difference: a tractor that goes to
+    and fro over a field turns alike at many of them.
+    """
     outside = np.pad(residual, 1, constant_values=np.inf)
     is_minimum = (residual <= outside[:-2]) & (residual <= outside[2:]) & (residual <= _ALIKE * residual.min())
     minima = np.flatnonzero(is_minimum)
@@ -61,6 +82,8 @@ def _nearest_minimum(residual: Floats) -> int:
 def _turns_of_course(fixes: Records) -> tuple[Floats, Floats, Floats]:
     """Begin and end (s) of pairs of fixes in motion, and by how much the course turns between them (rad)."""
     fixes = fixes[np.argsort(fixes["t_ns"], kind="stable")]
+    seconds = (fixes["t_ns"] - fixes["t_ns"][:1] + 500_000_000) // 1_000_000_000
+    fixes = fixes[np.unique(seconds, return_index=True)[1]]  # so that pairs do not overlap
     t_s, v = 1e-9 * fixes["t_ns"], _velocity(fixes)
     fast = np.flatnonzero(np.abs(v) > _SLOWEST_MPS)
     second = np.searchsorted(t_s, t_s[fast] + _APART_S[0])
@@ -72,9 +95,12 @@ def _turns_of_course(fixes: Records) -> tuple[Floats, Floats, Floats]:
 
 
 def _velocity(fixes: Records) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
-    """North + i east, m/s, as reported; NaN where it is not."""
+    """North + i east, m/s, as reported, or by the positions."""
     reported = fixes["v"][:, 0] + 1j * fixes["v"][:, 1]
-    return np.where(np.isfinite(reported), reported, fixes["speed"] * np.exp(1j * fixes["course"]))
+    reported = np.where(np.isfinite(reported), reported, fixes["speed"] * np.exp(1j * fixes["course"]))
+    t_s, lat, lon = 1e-9 * fixes["t_ns"], fixes["lat"], np.unwrap(fixes["lon"])
+    by_positions = MEAN_RADIUS_M * (np.gradient(lat, t_s) + 1j * np.cos(lat) * np.gradient(lon, t_s))
+    return np.where(np.isfinite(reported), reported, by_positions)
 
 
 def _turned(samples: Records) -> Floats:

@@ -237,7 +237,15 @@ def test_a_count_that_begins_anew_is_a_sensor_that_was_switched_on(last, lost):
     assert decoder["lost"] == 0
 
 
-@pytest.mark.parametrize("counts", [range(65_500, 65_700), [*range(60), *range(3_000, 3_060)], [7] * 100])
+@pytest.mark.parametrize(
+    "counts",
+    [
+        range(65_500, 65_700),
+        [*range(60), *range(3_000, 3_060)],
+        [*range(65_470, 65_530), *range(65_537, 65_600)],  # lost while it wraps
+        [7] * 100,
+    ],
+)
 def test_a_count_that_wraps_or_jumps_elsewhere_shows_no_switch_on(counts):
     decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
     assert not any(decoder.flags)

@@ -18,6 +18,7 @@ CONFIRMED = 2  # frames that must continue from a jump
 SHORT = 16  # samples of a jump that is accepted at once if a checksum covers COUNT
 LOST_MAX = 2048  # samples; a longer jump means that the counter was restarted
 FIRST = 16  # samples since it was restarted, at most, where the jump is to a COUNT near 0
+LOST_AT_WRAP = 64  # samples; a jump to there over no more of them is a loss while COUNT wraps
 
 COUNTING = np.dtype(
     [
@@ -76,7 +77,7 @@ def ticks_since(c: Any, count: int, missing: int, first: bool, checked: bool) ->
         c.unaccepted = count
         c.since += expected
         return expected
-    if c.confirmed >= CONFIRMED and c.step <= count <= FIRST * c.step:
+    if c.confirmed >= CONFIRMED and c.step <= count <= FIRST * c.step and not 1 <= ticks <= LOST_AT_WRAP:
         c.begun_anew = 1
         ticks = 1
     c.accepted, c.since = count, 0

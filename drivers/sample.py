@@ -3,7 +3,8 @@
 A level sensor at rest shows f = (0, 0, -g): specific force, not gravity. Drivers write rows of a preallocated
 array of `SAMPLE`. `t_ns` is written later by the clock, which fits `tick` (counter wraps removed, lost samples counted)
 to the host's time; `outage_s` and the flags of invalid and saturated axes are written by
-`imud/sensor_monitor/health.py`, POWER_ON and RECONNECTED by the pipeline, MOUNTING_UNKNOWN by the calibration.
+`imud/sensor_monitor/health.py`, RECONNECTED and, but for what a driver sees in the stream, POWER_ON by the pipeline,
+MOUNTING_UNKNOWN by the calibration.
 """
 
 import numpy as np

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.epson.driver import DRIVER
-from imud.drivers.sample import DEVICE_ERROR, SATURATED, SUSPECT
+from imud.drivers.sample import DEVICE_ERROR, POWER_ON, SATURATED, SUSPECT
 
 G = 9.80665
 GOLDEN = "20 FE00 C492 0064 FF9C 0000 0000 0000 1F40 0000"  # docs/protocols.md 1.5: 25 degC, +-1.25 dps, +1 G
@@ -223,6 +223,32 @@ def test_a_frozen_or_restarted_count_is_one_tick_a_frame(counts):
     decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
     assert decoder.ticks == list(range(100))
     assert decoder["lost"] == 0
+
+
+@pytest.mark.parametrize("last", [40_000, 65_000, 300])
+@pytest.mark.parametrize("lost", [0, 5])
+def test_a_count_that_begins_anew_is_a_sensor_that_was_switched_on(last, lost):
+    """After silence; its first frames may be lost."""
+    counts = [*range(last - 60, last + 1), *range(lost, 60 + lost)]
+    decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
+    assert [flags for flags in decoder.flags if flags] == [POWER_ON]
+    assert decoder.flags.index(POWER_ON) - 61 < 4
+    assert decoder.ticks == list(range(121))
+    assert decoder["lost"] == 0
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [
+        range(65_500, 65_700),
+        [*range(60), *range(3_000, 3_060)],
+        [*range(65_470, 65_530), *range(65_537, 65_600)],  # lost while it wraps
+        [7] * 100,
+    ],
+)
+def test_a_count_that_wraps_or_jumps_elsewhere_shows_no_switch_on(counts):
+    decoder = Decoder().feed(b"".join(frame(STILL, count) for count in counts))
+    assert not any(decoder.flags)
 
 
 def test_a_changed_input_pin_renews_the_lock_without_loss():

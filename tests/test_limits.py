@@ -60,6 +60,24 @@ def test_a_quartz_that_drifts_is_not_called_well(ppm, has_quartz, reported):
     assert not any("clock" in text for text in sensor.reading_faults())
 
 
+@pytest.mark.parametrize(("hz", "kept", "share"), [(100.0, 1, 1.0), (60.0, 1, 0.6), (200.0, 1, 2.0), (100.0, 2, 1.0)])
+def test_another_rate_is_noticed_although_the_timer_runs_on(hz, kept, share):
+    """And is not taken for one: every second packet damaged on the line. kept: of so many packets one is whole."""
+    driver = by_name("crossbow")
+    configured = ImuConfigured(Identity(driver.name, ""), 100.0, 790, 0, 24)
+    filter_ = Filter(registry.by_name("tilt"), Settings(), Initial(), 100.0)
+    sensor = Inertial(InertialPipeline(driver, driver.new_state(configured), filter_))
+    sensor.connect(SimpleNamespace(counters={}), driver, configured, 0)
+    for k in range(int(8.0 * hz)):
+        fill, arrival_ns = sensor.pipeline.fill, round(1e9 * k / hz)
+        data = bytearray(packet(STILL, clock=-round(arrival_ns / 790)))
+        data[8] ^= 1 if k % kept else 0
+        sensor.pipeline.rx[fill : fill + len(data)] = np.frombuffer(data, np.uint8)
+        sensor.pipeline.ingest(len(data), arrival_ns)
+        ratio = sensor.rate_ratio()
+    assert ratio == pytest.approx(share, rel=0.03)
+
+
 def sensor_faults(reported):
     return ["inertial sensor: its clock differs from this machine's by more than 500 ppm"] * reported
 

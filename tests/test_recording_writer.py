@@ -254,6 +254,27 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     assert "No space left" in messages[1][1]
 
 
+@pytest.mark.parametrize("spare_mb", [0, 3])
+def test_no_file_begins_while_there_is_room_for_little_more_than_its_beginning(spare_mb, tmp_path, monkeypatch):
+    path, messages, free = tmp_path / "drive.mcap", [], [20_000]
+    monkeypatch.setattr(parts, "free_bytes", lambda _: free[0])
+    recording = writer(path, messages, spare_mb=spare_mb)
+    for _ in range(2):
+        recording._retry_s = 0.0
+        recording.commit()
+    assert list(tmp_path.iterdir()) == []
+    free[0] = 4 << 20
+    recording._retry_s = 0.0
+    recording.commit()
+    free[0] = 20_000
+    recording.take(MessageKind.RAW, 0, 4, b"after")
+    recording.commit()
+    recording.finish()
+    assert [raw.data for raw in reads_of(path)] == [b"after"]
+    assert [level for level, _ in messages] == ["error", "info"] + ["error"] * (spare_mb > 0)
+    assert messages[0][1].startswith(f"recording pauses: less than {spare_mb or 1} MB are free")
+
+
 def test_a_folder_that_is_gone_pauses_the_recording_until_it_is_back(tmp_path):
     path, messages = tmp_path / "stick/drive.mcap", []
     path.parent.mkdir()

@@ -251,3 +251,19 @@ def test_replay_prints_what_the_filter_has_found_of_the_receiver(drive, tmp_path
     for fixes, is_late in ((tmp_path / "gnss.csv", True), (folder / "gnss.csv", False)):
         printed = replay("--imu", folder / "imu.csv", "--gnss", fixes, "-o", tmp_path / "est.csv").stderr
         assert (b"velocity lags behind its positions" in printed) == is_late
+
+
+@pytest.mark.parametrize("log", ["gnss.csv", "track.nmea"])
+def test_clocks_that_differ_by_seconds_are_found_by_the_turns(drive, tmp_path, log):
+    """The positions are then those of another time, and no heading fits them: the filter compares a second or two."""
+    folder, _ = drive
+    samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    for late_s, found in ((0.0, None), (1.0, None), (6.0, b"6 s behind"), (-8.0, b"8 s ahead of")):
+        samples[:, 0] += late_s
+        np.savetxt(tmp_path / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
+        samples[:, 0] -= late_s
+        ended = replay("--imu", tmp_path / "imu.csv", "--gnss", folder / log, "-o", tmp_path / "est.csv", "--rate", 1)
+        assert ended.returncode == 0
+        assert (b"by the turns in both" in ended.stderr) == (found is not None)
+        assert found is None or found in ended.stderr

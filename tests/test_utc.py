@@ -166,6 +166,17 @@ def test_a_receiver_whose_weeks_have_rolled_over_means_todays_date(clocks, ahead
     assert fix_time(source.view()).startswith(today.isoformat())
 
 
+@pytest.mark.parametrize("date", ["060180", "220899", "010100"])
+def test_a_date_that_is_no_rollover_either_is_none(clocks, date):
+    """The receiver does not know it: only its time of day counts, and chrony gets the day of the machine's clock."""
+    source = Source(clocks)
+    source.send(5, date=date)
+    assert source.receiver.last_used_fix.date is None
+    assert source.error_s() == pytest.approx(0.0, abs=1e-6)
+    assert fix_time(source.view()).startswith(time.strftime("%Y-%m-%d", time.gmtime(clocks.true_s)))
+    assert not source.utc.machine_differs()
+
+
 IN_2006 = [line(f"GPRMC,12000{k}.00,A,4800.{k:02d},N,01131.0,E,5.0,84.4,070806,,,A") for k in range(5)]
 RECEIVER = GnssConfigured(Identity("nmea", ""))
 

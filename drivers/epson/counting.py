@@ -4,7 +4,7 @@ What one sample adds to COUNT differs between models and rates (1, 2, 20, …), 
 learned. A jump of COUNT is accepted once `CONFIRMED` frames continue from it: the value may be damaged, which a 16-bit
 checksum can miss, and two frames in a row may be damaged alike. Until then, and if COUNT does not count at all, each
 frame is one tick, and so is the length of a frame of junk before it. If a checksum covers COUNT, a short jump is
-accepted at once.
+accepted at once. A jump to a COUNT near 0, from which it goes on, is a device that was switched on anew.
 """
 
 from typing import Any
@@ -17,6 +17,8 @@ VOTES = 24  # lead of the most frequent difference over all others before it is 
 CONFIRMED = 2  # frames that must continue from a jump
 SHORT = 16  # samples of a jump that is accepted at once if a checksum covers COUNT
 LOST_MAX = 2048  # samples; a longer jump means that the counter was restarted
+FIRST = 16  # samples since it was restarted, at most, where the jump is to a COUNT near 0
+LOST_AT_WRAP = 64  # samples; a jump to there over no more of them is a loss while COUNT wraps
 
 COUNTING = np.dtype(
     [
@@ -27,6 +29,7 @@ COUNTING = np.dtype(
         ("since", "<i8"),  # ticks returned since then
         ("unaccepted", "<i8"),  # the last COUNT not accepted
         ("confirmed", "<i8"),  # frames in sequence that continued from there
+        ("begun_anew", "<i8"),  # 1: with this frame it is known that COUNT has begun anew at 0
     ],
     align=True,
 )
@@ -51,6 +54,7 @@ def learn_step(c: Any, count: int) -> None:
 def ticks_since(c: Any, count: int, missing: int, first: bool, checked: bool) -> int:
     """Ticks from the last frame to this one with `count` (-1: has none) after junk of the size of `missing` frames."""
     expected = 1 + missing
+    c.begun_anew = 0
     if first:
         c.accepted = count
         return 0
@@ -73,5 +77,8 @@ def ticks_since(c: Any, count: int, missing: int, first: bool, checked: bool) ->
         c.unaccepted = count
         c.since += expected
         return expected
+    if c.confirmed >= CONFIRMED and c.step <= count <= FIRST * c.step and not 1 <= ticks <= LOST_AT_WRAP:
+        c.begun_anew = 1
+        ticks = 1
     c.accepted, c.since = count, 0
     return int(max(ticks, 1))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import kernel
-from ..sample import DEVICE_ERROR, SATURATED, SUSPECT
+from ..sample import DEVICE_ERROR, POWER_ON, SATURATED, SUSPECT
 from ..spikes import SPIKES, is_spike
 from .counting import COUNTING
 from .models import Model
@@ -95,6 +95,8 @@ def deliver(s: Any, flag: int, temperature: int, ticks: int, sample: Any) -> Non
     if s.status:
         flags |= DEVICE_ERROR
         s.errors += 1
+    if s.counting.begun_anew:
+        flags |= POWER_ON
     raw, w, f = s.spikes.raw, sample.w, sample.f
     for i in range(3):
         w[i] = raw[i] * s.gyro_scale

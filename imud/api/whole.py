@@ -13,6 +13,7 @@ from ..estimators.records import FIX, INNOVATION
 from ..math.arrays import Records
 from ..pipeline import Filter
 from ..sensors.fix_consistency import consistent
+from ..tables.clock_difference import warn_of_clocks
 from ..tables.refused import without_refused
 from .arguments import (
     Frames,
@@ -110,6 +111,7 @@ def _run(
     chosen = settings_of(settings)
     fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
     fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
+    warn_of_clocks(samples, fixes, warnings.warn)
     measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)

@@ -84,4 +84,6 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         int,
         number(0, _MB_MAX, "MB", "All files of `path` together, the oldest are removed for the newest; 0: no limit."),
     ] = 0
-    spare_mb: Annotated[int, number(0, _MB_MAX, "MB", "The recording pauses while less than that is free.")] = 100
+    spare_mb: Annotated[
+        int, number(0, _MB_MAX, "MB", "The recording pauses while less than that is free; 1 MB at least to begin.")
+    ] = 100

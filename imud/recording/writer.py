@@ -48,6 +48,7 @@ _MB = 1 << 20
 _COMMIT_S = 1.0
 _DESCRIBE_S = 30.0  # between descriptions of what is recorded
 _RETRY_S = 5.0
+_BEGIN_MB = 1  # free for a file to begin: else a disk that is full to the last byte would fill with beginnings
 _STEP_NS = 500_000_000  # by so much the clock on the wall may differ until its step is followed
 _NICE = 5
 _READS_BYTES = 1 << 16  # of the ports, which become one message at most
@@ -166,8 +167,8 @@ class RecordingWriter:
         """The next file, with what a reader must know first."""
         facts = self._facts | {"part": str(self._part), "unix_less_monotonic_ns": str(self._offset_ns)}
         try:
-            if parts.free_bytes(self._base) < self._record.spare_mb * _MB:
-                self._pause(f"less than {self._record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+            if why := self._why_full(max(self._record.spare_mb, _BEGIN_MB)):
+                self._pause(why)
                 return
             path = parts.next_file(self._base)
             self._file = RecordingFile(path, facts, _encode(self._settings), time.time_ns())
@@ -218,14 +219,20 @@ class RecordingWriter:
         if record.budget_mb:
             for path in parts.make_room(self._base, record.budget_mb * _MB, file.path):
                 self._log("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
-        if parts.free_bytes(self._base) < record.spare_mb * _MB:
+        if why := self._why_full(record.spare_mb):
             self._guard(lambda file: file.finish())
-            self._pause(f"less than {record.spare_mb} MB are free where {self._base} is (record.spare_mb)")
+            self._pause(why)
         elif not file.is_in_place:
             self._log("warning", f"{file.path} was removed or renamed while it was recorded to: it ends here")
             self._begin_next()
         elif (0 < record.file_mb * _MB <= file.size) or (0.0 < record.file_s <= time.monotonic() - self._opened_s):
             self._begin_next()
+
+    def _why_full(self, spare_mb: int) -> str:
+        """What to report if less is free than that; empty: there is room."""
+        if parts.free_bytes(self._base) >= spare_mb * _MB:
+            return ""
+        return f"less than {spare_mb} MB are free where {self._base} is (record.spare_mb)"
 
     def _begin_next(self) -> None:
         self._guard(lambda file: file.finish())

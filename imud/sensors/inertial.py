@@ -48,7 +48,8 @@ class Inertial:
         self.period_s = 0.0  # nominal, between samples
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self._before = Counter[str](before or {})  # counted in earlier connections
-        self.rate_monitor: SampleRateMonitor | None = None  # of a sensor that sends by itself
+        # of the ticks of a sensor that sends by itself; of its samples, too, if the ticks are those of a timer
+        self._rate_monitors: list[SampleRateMonitor] = []
         self.byte_sink: ByteSink | None = None
         self.has_gyros = self.has_quartz = False
         self._room = pipeline.rx.data
@@ -68,7 +69,9 @@ class Inertial:
         self._fault_texts, self._initial_status = driver.fault_texts, None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         by_itself = configured.request is None and not isinstance(line, KnownDevice)
-        self.rate_monitor = SampleRateMonitor(1e9 / configured.period_ns) if by_itself else None
+        has_timer = configured.period_ns * 1e-9 * configured.rate_hz < 0.5
+        agreed_hz = [1e9 / configured.period_ns, configured.rate_hz] if has_timer else [configured.rate_hz]
+        self._rate_monitors = [SampleRateMonitor(hz) for hz in agreed_hz] if by_itself else []
         self.period_s = 1.0 / configured.rate_hz
         self.has_gyros, self.has_quartz = all(configured.gyro_axes), configured.has_quartz
         self.silence_ns = max(SILENCE_NS, SILENT_PERIODS * round(1e9 / configured.rate_hz))
@@ -108,10 +111,19 @@ class Inertial:
 
     def rate_ratio(self) -> float | None:
         """The samples' rate over the agreed one; None while it is not known. Call it now and then."""
-        if self.rate_monitor is None or self._newest < 0:
+        if self._newest < 0:
             return None
-        self.rate_monitor.update(int(self.pipeline.samples[self._newest]["tick"]), self.last_data_ns)
-        return self.rate_monitor.share
+        frames, junk = (int(self.pipeline.decoder[name][0]) for name in ("frames", "junk"))
+        counts = int(self.pipeline.samples[self._newest]["tick"]), frames + junk // max(1, self.configured.frame_bytes)
+        for monitor, count in zip(self._rate_monitors, counts, strict=False):
+            monitor.update(count, self.last_data_ns)
+        return self._rate_share
+
+    @property
+    def _rate_share(self) -> float | None:
+        """As `rate_ratio`, of what was seen until its last call."""
+        shares = [monitor.share for monitor in self._rate_monitors]
+        return next((share for share in shares if share not in (None, 1.0)), shares[0] if shares else None)
 
     @property
     def newest(self) -> np.void | None:
@@ -142,8 +154,7 @@ class Inertial:
         if now_ns - self.last_data_ns > self.stale_ns:
             return ("inertial sensor: stale, nothing new comes",)
         damaged = (_DAMAGED,) if self._loss_monitor.is_high else ()
-        share = self.rate_monitor.share if self.rate_monitor else None
-        other_rate = () if share in (None, 1.0) else (_OTHER_RATE,)
+        other_rate = () if self._rate_share in (None, 1.0) else (_OTHER_RATE,)
         beyond = (_BEYOND[name] for name in self.out_of_limits())
         return (*damaged, *other_rate, *beyond, *self._faults_found())
 

@@ -24,6 +24,7 @@ from ...sensor_errors import calibration
 from ...sensor_monitor.findings import counted
 from ...sensors.receiver import TOO_LATE_NS
 from ...setup import config
+from ...tables.clock_difference import warn_of_clocks
 from ...tables.estimates import EstimateWriter, write_innovations
 from ...tables.filter_states import FilterStates, write_states
 from ...tables.fixes import fixes_of_file
@@ -63,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
     elif len(fixes) and (late_ns := float(np.median(fixes["arrival_ns"] - fixes["t_ns"]))) > TOO_LATE_NS:
         late = f"its fixes arrive {late_ns * 1e-9:.1f} s after their t_s"
         print(f"imud replay: {args.gnss}: {late}: navigation uses none that is more than 2 s late", file=sys.stderr)
+    if args.gnss is not None:
+        warn_of_clocks(samples, fixes, _warning_of(args.gnss))
     left_out[0].judge(len(samples))
     left_out[1].judge(len(fixes))
     return 0

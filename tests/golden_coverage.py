@@ -46,6 +46,8 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "measure_fixed_gravity": "as above",
     "shift_frame_rates": "as above",
     "share_excess": "as above",
+    "inflate_earlier_estimates": "no recording's noise is so far too small: tests/test_navigation_noise_learning.py",
+    "forget_time_evidence": "called by it: tests/test_navigation_time_evidence.py",
     "move_innovations: pending.rows[k - n] = pending.rows[k]": "with little room: tests/test_pending_innovations.py",
     "record_transition": "the smoother's: tests/test_smoothing_attitude.py",
     "record_measurement": "as above",

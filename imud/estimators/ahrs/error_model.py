@@ -97,20 +97,6 @@ def widen_bias(s: State, added: float, C: Matrix, tilt_s: float, yaw_s: float) -
         shear3(s.cov.P, STATES, ATTITUDE + i, GYRO_BIAS, -row[0], -row[1], -row[2])
 
 
-@kernel
-def widen_accel_bias_at_rest(s: State, added: Vector, C: Matrix) -> None:
-    """Add to the variances of the accelerometer bias; it has made a tilt, as the mean force is taken for gravity."""
-    across = 1.0 / s.nav.gravity
-    for k in range(3):
-        shear(s.cov.P, STATES, ATTITUDE, ACCEL_BIAS + k, -across * C[3 + k])
-        shear(s.cov.P, STATES, ATTITUDE + 1, ACCEL_BIAS + k, across * C[k])
-    for k in range(3):
-        add_variance(s, ACCEL_BIAS + k, added[k])
-    for k in range(3):
-        shear(s.cov.P, STATES, ATTITUDE, ACCEL_BIAS + k, across * C[3 + k])
-        shear(s.cov.P, STATES, ATTITUDE + 1, ACCEL_BIAS + k, -across * C[k])
-
-
 @unrolled
 def couple(s: State, i: int, j: int, integrals: Reals, k: int) -> None:
     """Phi[i, j:j + 3] = -integrals[k:k + 3]."""

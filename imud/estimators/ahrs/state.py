@@ -24,7 +24,7 @@ from .parameters import TUNABLES
 ATTITUDE, GYRO_BIAS, VELOCITY, ACCEL_BIAS, GYRO_MATRIX, ACCEL_SCALE, ACCEL_DELAY, POSITION = 0, 3, 6, 9, 12, 21, 24, 25
 STATES = 28
 JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
-FUSED = 12  # most scalar measurements of an interval
+FUSED = 9  # most scalar measurements of an interval
 HYPOTHESES = 17  # of how the body moves, before the first rest
 HYPOTHESIS_STATES = 11
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought

@@ -30,8 +30,7 @@ from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .attitude_step import level_by_force
 from .divergence import inflate_covariance
-from .ekf import fuse_state
-from .error_model import add_bias_variance, add_variance, reset_variance, variance, widen_accel_bias_at_rest, widen_bias
+from .error_model import add_bias_variance, add_variance, reset_variance, variance, widen_bias
 from .mechanization import compensate_force
 from .motion import is_beyond_usual_biases
 from .state import ACCEL_BIAS, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, STATES, VELOCITY
@@ -179,39 +178,8 @@ def check_gravity(p: Parameters, s: State) -> None:
     for i in range(3):
         s.stationarity.bg_before[i] = s.nav.bg[i]
     excess = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) - g
-    expected2 = p.accel_bias_var + g * g * p.accel_scale_var
-    if excess * excess >= c.gravity_magnitude_gate**2 * expected2:
+    if excess * excess >= c.gravity_magnitude_gate**2 * (p.accel_bias_var + g * g * p.accel_scale_var):
         widen_accel_bias(p, s, excess)
-    else:
-        scale_accel_bias(p, s, 0.5 + 0.5 * excess * excess / expected2)
-
-
-@kernel
-def scale_accel_bias(p: Parameters, s: State, ratio: float) -> None:
-    """The variance that the biases of the accelerometers had at switch-on was this many times the assumed one.
-
-    Less is the assumed one and a measurement of a bias of zero; the tilt that each bias has made follows.
-    """
-    assumed = p.accel_bias_var
-    if ratio < 1.0:
-        for i in range(3):
-            fuse_state(s, ACCEL_BIAS + i, -s.nav.ba[i], assumed * ratio / (1.0 - ratio))
-        return
-    q = s.nav.q_nb
-    added = (
-        added_variance(s, 0, assumed, ratio),
-        added_variance(s, 1, assumed, ratio),
-        added_variance(s, 2, assumed, ratio),
-    )
-    widen_accel_bias_at_rest(s, added, dcm_of_quat((q[0], q[1], q[2], q[3])))
-
-
-@kernel
-def added_variance(s: State, i: int, assumed: float, ratio: float) -> float:
-    """What accelerometer bias i has more of it, if that at switch-on was `ratio` times the assumed one; ratio >= 1."""
-    before = variance(s, ACCEL_BIAS + i)
-    known = max(1.0 / before - 1.0 / assumed, 0.0)
-    return max(1.0 / (known + 1.0 / (ratio * assumed)) - before, 0.0)
 
 
 @kernel

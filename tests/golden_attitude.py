@@ -173,13 +173,6 @@ def accelerometer_scale_error():
 
 
 @golden("attitude")
-def accelerometer_bias_beyond_the_usual():
-    """More than the assumed sigma, and less than what shows another sensor."""
-    flaws = Flaws(accel_bias=(0.0, 0.0, -15.0 * MG), gyro_bias=(0.5 * DEG,) * 3)
-    return judged(shown(lively(40.0, rpy_deg=(0.0, 0.0, 0.0)), flaws), profile="auto")
-
-
-@golden("attitude")
 def coarse_counts():
     """Coarser than is looked at for how readings were cut off."""
     return cut_off(np.trunc, (0.3, -0.2, -0.4), count=0.22 * DEG)

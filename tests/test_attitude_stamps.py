@@ -49,7 +49,7 @@ def rms_tilt(samples, attitude):
 def gain_after(samples):
     filter_ = filter_of(samples)
     replay(filter_, samples)
-    return interpreted(stamps.stamp_gain)(Fields(filter_.state[0]))
+    return float(filter_.state[0]["stamps"]["gain"])
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -30,6 +30,7 @@ NOISE_SIGMAS = 4.0  # a change of the rate within so many of the gyro's noise sh
 LEAST_PERIOD = 0.05  # in periods: time does not stand still
 MAX_MISFITS = 32  # so many samples off the line: the rate has changed, or there is no even one
 BLOCK_SAMPLES = 32  # whose mean period is compared with the line's
+MAX_REACH = 0.75  # in periods; what is further from one is no scatter, but lost or late
 LEAST_CHANGE = 0.25  # in periods, over a block; the line follows less by itself
 
 
@@ -44,7 +45,7 @@ def forget_stamps(s: State) -> None:
 @kernel
 def begin_block(s: State) -> None:
     """The next samples are those whose mean period is taken."""
-    s.stamps.block_samples, s.stamps.block_periods, s.stamps.block_s = 0, 0.0, 0.0
+    s.stamps.block_samples, s.stamps.block_s = 0, 0.0
 
 
 @kernel
@@ -153,23 +154,22 @@ def periods_since_last(s: State, dt: float) -> float:
 
 @kernel
 def follow_rate(s: State, dt: float) -> bool:
-    """Count the sample into the block; at its end, take its mean period if that is another. Has the line begun anew?
-
-    Lost samples count as such, by the stamps alone, and those from a queue, at once, as none: so does the line's mean.
-    """
+    """Compare the mean period of a block without lost or late samples with the line's. Has the line begun anew?"""
     stamps = s.stamps
+    scatter = SCATTER_SIGMAS * math.sqrt(2.0) * stamps.scatter  # of the difference of two stamps
+    restarts = stamps.misfits > MAX_MISFITS
+    if not restarts and abs(dt - stamps.period) > min(max(0.5 * stamps.period, scatter), MAX_REACH * stamps.period):
+        begin_block(s)
+        return False
     stamps.block_samples += 1
     stamps.block_s += dt
-    stamps.block_periods += math.floor(dt / stamps.period + 0.5)
     if stamps.block_samples < BLOCK_SAMPLES:
         return False
-    restarts = stamps.misfits > MAX_MISFITS
-    doubt = 0.0 if stamps.block_periods == stamps.block_samples else 1.0  # one more or less may have been lost
-    allowed = (LEAST_CHANGE + doubt) * stamps.period + SCATTER_SIGMAS * math.sqrt(2.0) * stamps.scatter
+    mean = stamps.block_s / BLOCK_SAMPLES
     if restarts:
-        restart_stamps(s, stamps.block_s / stamps.block_samples)
-    elif stamps.block_periods > 0.0 and abs(stamps.block_s - stamps.block_periods * stamps.period) > allowed:
-        stamps.period = stamps.block_s / stamps.block_periods
+        restart_stamps(s, mean)
+    elif BLOCK_SAMPLES * abs(mean - stamps.period) > LEAST_CHANGE * stamps.period + scatter:
+        stamps.period = mean
     begin_block(s)
     return restarts
 

@@ -105,7 +105,6 @@ STAMPS = np.dtype(
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
         ("queued", "<i8"),  # so many samples that seemed lost may yet come at once
         ("block_samples", "<i8"),  # whose mean period is taken
-        ("block_periods", "<f8"),  # the sum of theirs, each a whole number of periods
         ("block_s", "<f8"),  # the time that they took
         ("last_dt", "<f8"),  # s, between the stamps of the newest two samples; 0: not known
         ("rate_change", "<f8", (3,)),  # rad/s, from the sample before

@@ -194,7 +194,6 @@ class Stamps:
     misfits: int
     queued: int
     block_samples: int
-    block_periods: float
     block_s: float
     last_dt: float
     rate_change: Reals

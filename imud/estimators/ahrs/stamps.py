@@ -77,12 +77,12 @@ def update_gain(s: State) -> None:
     stamps = s.stamps
     stamps.scatter = math.sqrt(stamps.squares / max(stamps.count, 1.0))
     prior = stamps.reading_reading / (PRIOR_VARIANCE * max(stamps.taught, 1.0))
-    total, slope = stamps.offset_offset + prior, 0.5
-    stamps.slope_variance = PRIOR_VARIANCE
+    total, slope, variance = stamps.offset_offset + prior, 0.5, PRIOR_VARIANCE
     if total > 0.0:
         slope = (stamps.offset_reading + 0.5 * prior) / total
-        stamps.slope_variance = PRIOR_VARIANCE * prior / total
-    stamps.gain = min(max(slope - math.sqrt(stamps.slope_variance), least_gain(s)), 1.0)
+        variance = PRIOR_VARIANCE * prior / total
+    stamps.gain = min(max(slope - math.sqrt(variance), least_gain(s)), 1.0)
+    stamps.gain_variance = variance + (slope - stamps.gain) ** 2
 
 
 @kernel
@@ -218,7 +218,7 @@ def stamp_variance(s: State) -> float:
     With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them.
     """
     gain = s.stamps.gain
-    return (gain * (2.0 - gain) + s.stamps.slope_variance) * s.stamps.scatter**2
+    return (gain * (2.0 - gain) + s.stamps.gain_variance) * s.stamps.scatter**2
 
 
 @kernel

@@ -115,8 +115,8 @@ STAMPS = np.dtype(
         ("offset_reading", "<f8"),  # the same times that of the reading
         ("reading_reading", "<f8"),  # that of the reading, squared
         ("scatter", "<f8"),  # s, of the stamps about those of even samples
-        ("slope_variance", "<f8"),  # of the slope of the readings' offsets over those of the stamps
         ("gain", "<f8"),  # with which the line follows the stamps
+        ("gain_variance", "<f8"),  # of the slope of the readings' offsets over those of the stamps, about the gain
     ],
     align=True,
 )

@@ -204,8 +204,8 @@ class Stamps:
     offset_reading: float
     reading_reading: float
     scatter: float
-    slope_variance: float
     gain: float
+    gain_variance: float
 
 
 class Integrals:

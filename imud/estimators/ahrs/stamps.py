@@ -166,9 +166,10 @@ def follow_rate(s: State, dt: float) -> bool:
     if stamps.block_samples < BLOCK_SAMPLES:
         return False
     mean = stamps.block_s / BLOCK_SAMPLES
+    hidden = 1.0 if scatter > MAX_REACH * stamps.period else 0.0  # a lost sample may pass for scatter
     if restarts:
         restart_stamps(s, mean)
-    elif BLOCK_SAMPLES * abs(mean - stamps.period) > LEAST_CHANGE * stamps.period + scatter:
+    elif BLOCK_SAMPLES * abs(mean - stamps.period) > (LEAST_CHANGE + hidden) * stamps.period + scatter:
         stamps.period = mean
     begin_block(s)
     return restarts

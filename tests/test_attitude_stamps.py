@@ -9,7 +9,9 @@ from replay_in_process import replay
 
 from imud.compile.jit import interpreted
 from imud.estimators.ahrs import stamps
-from imud.estimators.records import ATTITUDE_VALID
+from imud.estimators.records import ATTITUDE_VALID, SOLUTION
+from imud.smoothing.intervals import INTERVAL, record_intervals
+from imud.smoothing.rows import Rows
 
 PERIOD_NS = 2e7
 
@@ -49,7 +51,7 @@ def rms_tilt(samples, attitude):
 def gain_after(samples):
     filter_ = filter_of(samples)
     replay(filter_, samples)
-    return interpreted(stamps.stamp_gain)(Fields(filter_.state[0]))
+    return float(filter_.state[0]["stamps"]["gain"])
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -76,6 +78,7 @@ def test_uneven_samples_whose_stamps_are_right_count_as_stamped(seed):
 
 
 def test_the_more_stamps_scatter_the_less_sure_is_the_tilt():
+    """Of a tenth of a period little is left once the line is known (1.0, 1.9, 4.7 deg^2), hence 1.5 and not 2."""
     sigma2 = [np.mean(tilt_variance_deg2(solutions_of(scattered(1, periods)[1]))[1000:]) for periods in (0.0, 0.1, 0.2)]
     assert 1.5 * sigma2[0] < sigma2[1] < 0.5 * sigma2[2]
 
@@ -94,6 +97,53 @@ def test_samples_that_come_late_and_then_at_once():
     assert np.mean(tilts) < 1.8
 
 
+def test_a_longer_queue_after_a_shorter_one():
+    """Once samples came late and then at once, sixty more do. By a queue's period as the line's it is 63 deg."""
+    truth, samples = brisk(1, 200.0)
+    t_ns = samples["t_ns"] + np.round(5e6 * np.clip(offsets(len(samples), 1, 0.05), -0.4, 0.4)).astype(np.int64)
+    for first, count in ((4000, 8), (8000, 60)):
+        t_ns[first : first + count] = t_ns[first + count]
+    samples["t_ns"] = np.maximum.accumulate(t_ns) + 2000 * np.arange(len(samples))
+    out = solutions_of(samples)
+    assert np.all(errors_deg(out["q_nb"], truth.attitude)[0][8062:] < 3.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_stated_rate_is_that_of_the_newest_sample(seed):
+    _, samples = brisk(seed)
+    rng = np.random.default_rng(seed)
+    waits = rng.uniform(0.0, 12.0, len(samples)) * (rng.random(len(samples)) < 0.01)
+    samples["t_ns"] += np.round(PERIOD_NS * (rng.exponential(0.1, len(samples)) + waits)).astype(np.int64)
+    samples["t_ns"] = np.maximum.accumulate(samples["t_ns"]) + 2000 * np.arange(len(samples))
+    out = solutions_of(samples)
+    rates = out["w"] + out["bg"]
+    repeated = np.all(np.abs(np.diff(rates, axis=0)) < 1e-12, axis=1)
+    assert np.count_nonzero(repeated) < 3
+
+
+def test_at_most_one_covariance_interval_ends_in_a_run_of_the_recorded_filter():
+    """A queue holds more time than its stamps say, and several intervals end in it; each has its row."""
+    _, samples = brisk(1)
+    t_ns = samples["t_ns"] + np.round(PERIOD_NS * offsets(len(samples), 1, 0.05)).astype(np.int64)
+    for first, count in ((1000, 8), (1500, 20), (2000, 20)):
+        t_ns[first : first + count] = t_ns[first + count]
+    samples["t_ns"] = np.maximum.accumulate(t_ns) + 2000 * np.arange(len(samples))
+    solutions, intervals = Rows(SOLUTION), Rows(INTERVAL)
+    record_intervals(filter_of(samples), samples, solutions, intervals)
+    assert len(solutions.array()) == len(samples)
+    assert np.all(intervals.array()["history"]["intervals"] == 1)
+
+
+def test_rest_teaches_nothing_of_the_slope():
+    """At rest the readings are noise, which lies nowhere between its neighbours."""
+    samples = samples_from(simulate(60.0, 50.0), Flaws(gyro_bias=(0.2 * DEG,) * 3), 1)
+    samples["t_ns"] += np.round(PERIOD_NS * offsets(len(samples), 1, 0.2)).astype(np.int64)
+    filter_ = filter_of(samples)
+    replay(filter_, samples)
+    assert filter_.state[0]["stamps"]["taught"] < 1.0
+    assert filter_.state[0]["stamps"]["gain_variance"] > stamps.PRIOR_VARIANCE
+
+
 @pytest.fixture
 def learned():
     """(parameters, state) after a minute of stamps that scatter by a tenth of a period; the last one is on the line."""
@@ -107,8 +157,12 @@ def learned():
 
 def periods(learned, *dts):
     """The periods to integrate over where stamps are so many periods apart, in periods."""
+    return periods_at(learned, learned[1].stamps.period, *dts)
+
+
+def periods_at(learned, even, *dts):
+    """The same where `even` s are a period."""
     p, s = learned
-    even = s.stamps.period
     w = s.imu.w.tolist()
     return [interpreted(stamps.even_period)(p, s, w, True, dt * even) / even for dt in dts]
 
@@ -132,6 +186,50 @@ def test_the_attitude_is_stated_as_that_of_another_time_while_it_is_open(learned
     before = interpreted(stamps.turn_in_stamp_error)(s)
     periods(learned, 4.0)
     assert interpreted(stamps.turn_in_stamp_error)(s) == pytest.approx(np.hypot(before, 2.0 * 3.0 * 0.02), rel=0.02)
+
+
+def test_the_attitude_is_stated_as_that_of_another_time_wherever_it_is(learned):
+    _, s = learned
+    s.imu.w = (0.0, 2.0, 0.0)
+    s.stamps.ahead = 0.02
+    assert interpreted(stamps.turn_in_stamp_error)(s) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("returns", [0, 1])
+@pytest.mark.parametrize("count", [8, 20, 40, 100])
+def test_what_is_integrated_is_what_is_stamped(learned, returns, count):
+    """So many samples wait, come at once with the next one, and then the rate is what it was."""
+    _, s = learned
+    s.stamps.returns = returns
+    even = s.stamps.period
+    stamped = [count + 1.0, *([0.001] * count), *([1.0] * 60)]
+    assert sum(periods(learned, *stamped)) == pytest.approx(sum(stamped), abs=0.1)
+    assert s.stamps.period == pytest.approx(even, rel=0.01)
+    assert s.stamps.misfits == 0
+
+
+def test_a_restart_keeps_what_is_owed(learned):
+    p, s = learned
+    even = s.stamps.period
+    s.stamps.ahead, s.stamps.misfits = -5.0 * even, stamps.MAX_MISFITS + 40
+    s.stamps.block_samples, s.stamps.block_s = stamps.BLOCK_SAMPLES - 1, (stamps.BLOCK_SAMPLES - 1) * even
+    got = interpreted(stamps.even_period)(p, s, s.imu.w.tolist(), True, even)
+    assert got == pytest.approx(6.0 * even)
+    assert interpreted(stamps.time_lost)(p, s, got) == pytest.approx(5.0 * even, rel=0.01)
+    assert s.stamps.ahead == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 0.9, 0.95, 1.05, 1.1, 1.3])
+def test_a_rate_that_changes_a_little(learned, ratio):
+    """After two hundred samples the line has the new period, and no stamp is off it by more than they scatter."""
+    _, s = learned
+    even = s.stamps.period
+    stamped = np.diff(ratio * np.arange(401) + offsets(401, 1, 0.1))
+    periods(learned, *stamped[:200])
+    assert s.stamps.period == pytest.approx(ratio * even, rel=0.01)
+    for dt in stamped[200:]:
+        periods_at(learned, even, dt)
+        assert abs(s.stamps.ahead) < 0.5 * even
 
 
 def test_between_two_samples_a_lost_one_is_their_mean():

@@ -32,8 +32,11 @@ def record_intervals(filter_: Filter, samples: Records, solutions: Rows, interva
     while begin < len(samples):
         block = samples[begin : begin + BLOCK].copy()
         left_ns = interval_ns - 1e9 * state["integrals"]["time"]
-        count = max(int(np.searchsorted(block["t_ns"], state["t_ns"] + left_ns)), 1)  # at most one interval ends
+        count = max(int(np.searchsorted(block["t_ns"], state["t_ns"] + left_ns)), 1)
+        if state["stamps"]["ahead"] != 0.0 or 4e9 * state["stamps"]["period"] > interval_ns:
+            count = 1  # what is integrated is not what is stamped
         filter_.run(block[:count], out[:count])
+        assert history["intervals"][0] <= 1
         solutions.append(out[:count])
         begin += count
         if history["intervals"][0]:

@@ -103,7 +103,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
             add_outage_noise(p, s, w, f, dt, lost_s, sample.flags)
         if lost_s > 0.0:
             share = 0.5 * lost_s / dt
-            mechanize(p, s, between(s.imu.w, w, share), between(s.imu.f, f, share), dt)
+            mechanize(p, s, between(s.imu.gap_w, w, share), between(s.imu.gap_f, f, share), dt)
         else:
             add_stamp_noise(s, w, f)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
@@ -112,8 +112,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
             update_means(p, s, w, f, dt)
         else:
             restart_means(s, w, f)
-        if s.stamps.waiting == 0:
-            store_sample(s, w, f)
+        store_sample(s, w, f)
     if has_rate:
         update_mean_square_rate(s, w, max(dt, 0.0) / c.velocity_scatter_time_s)
         set_outage(s, 0.0, 0.0)

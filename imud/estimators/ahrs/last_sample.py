@@ -17,6 +17,9 @@ def store_sample(s: State, w: Vector, f: Vector) -> None:
     for i in range(3):
         s.imu.w[i] = w[i]
         s.imu.f[i] = f[i]
+        if s.stamps.waiting == 0:
+            s.imu.gap_w[i] = w[i]
+            s.imu.gap_f[i] = f[i]
 
 
 @kernel
@@ -34,6 +37,8 @@ def subtract_biases(s: State) -> None:
     for i in range(3):
         s.imu.w[i] -= s.nav.bg[i]
         s.imu.f[i] -= s.nav.ba[i]
+        s.imu.gap_w[i] -= s.nav.bg[i]
+        s.imu.gap_f[i] -= s.nav.ba[i]
 
 
 @kernel

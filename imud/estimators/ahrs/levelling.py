@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 @kernel
 def restart_imu(s: State, w: Vector, f: Vector) -> None:
     """Take the first sample, or the first one after a long gap: running means start from it."""
-    store_first_sample(s, w, f)
     forget_stamps(s)
+    store_first_sample(s, w, f)
     restart_stationarity(s, w, f)
 
 

@@ -87,8 +87,11 @@ def add_outage_noise(p: Parameters, s: State, w: Vector, f: Vector, dt: float, l
         w2 += w[i] * w[i]
         f2 += f[i] * f[i]
     if lost_s > 0.0:
-        part = lost_s * lost_s / 12.0
-        add_noise(s, (dw2 + c.gap_rate_psd * lost_s) * part, (df2 + c.gap_force_psd * lost_s) * part)
+        part, gap_dw2, gap_df2 = lost_s * lost_s / 12.0, 0.0, 0.0
+        for i in range(3):
+            gap_dw2 += (w[i] - last.gap_w[i]) ** 2
+            gap_df2 += (f[i] - last.gap_f[i]) ** 2
+        add_noise(s, (gap_dw2 + c.gap_rate_psd * lost_s) * part, (gap_df2 + c.gap_force_psd * lost_s) * part)
     if last.outage_s > 0.0:
         held2 = last.outage_s * last.outage_s
         share = 1.0 / 3.0 if last.fault_s == 0.0 else 0.0  # of a fault `hold_rate` has added how wrong rates may be

@@ -16,6 +16,7 @@ from ...sensor_errors.profiles import PROFILES, Profile, profile_of
 from ...sensor_errors.stored_biases import Biases
 from ..tuning import values_of
 from .parameters import TUNABLES
+from .stamps import PRIOR_VARIANCE
 from .state import ACCEL_BIAS, ACCEL_DELAY, ACCEL_SCALE, ATTITUDE, GYRO_BIAS, GYRO_MATRIX, PARAMETERS, STATE, STATES
 
 
@@ -78,6 +79,8 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["levelling"]["true_heading"] = initial.yaw_deg is not None
     s["variance_factor"]["tilt_scale"] = 1.0
     s["stamps"]["period"] = parameters["period_s"]
+    s["stamps"]["gain"] = 1.0
+    s["stamps"]["gain_variance"] = PRIOR_VARIANCE
     s["cov"]["sigma_tilt"] = s["cov"]["sigma_rpy"] = UNKNOWN_ANGLE
     s["cov"]["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s

@@ -26,59 +26,43 @@ LINE_SAMPLES = 100.0  # a line is fitted to so many samples at most: the clocks 
 PRIOR_VARIANCE = 0.25  # of the slope, about a half
 LEAST_SCATTER = 0.02  # in periods; with less the stamps are taken as they are
 SCATTER_SIGMAS = 4.0  # what is further from the line is no scatter
+NOISE_SIGMAS = 4.0  # a change of the rate within so many of the gyro's noise shows nothing
 LEAST_PERIOD = 0.05  # in periods: time does not stand still
 MAX_MISFITS = 32  # so many samples off the line: the rate has changed, or there is no even one
+BLOCK_SAMPLES = 32  # whose mean period is compared with the line's
+MAX_REACH = 0.75  # in periods; what is further from one is no scatter, but lost or late
+LEAST_CHANGE = 0.25  # in periods, over a block; the line follows less by itself
 
 
 @kernel
 def forget_stamps(s: State) -> None:
     """After a long gap there is no line, and no neighbour to compare with."""
     s.stamps.last_dt = s.stamps.ahead = 0.0
-    s.stamps.waiting = 0
+    s.stamps.waiting = s.stamps.queued = 0
+    begin_block(s)
+
+
+@kernel
+def begin_block(s: State) -> None:
+    """The next samples are those whose mean period is taken."""
+    s.stamps.block_samples, s.stamps.block_s = 0, 0.0
 
 
 @kernel
 def restart_stamps(s: State, period: float) -> None:
-    """Begin anew, with this period."""
+    """Begin anew, with this period; what has not been integrated yet is still owed."""
     stamps = s.stamps
-    forget_stamps(s)
-    stamps.period, stamps.misfits, stamps.returns = period, 0, 0
-    stamps.count = stamps.squares = stamps.offset_offset = stamps.offset_reading = stamps.reading_reading = 0.0
-
-
-@kernel
-def scatter_variance(s: State) -> float:
-    """Of the stamps about those of even samples, s^2."""
-    return s.stamps.squares / max(s.stamps.count, 1.0)
+    stamps.last_dt, stamps.period = 0.0, period
+    stamps.waiting = stamps.queued = stamps.misfits = stamps.returns = 0
+    stamps.count = stamps.squares = 0.0
+    stamps.taught = stamps.offset_offset = stamps.offset_reading = stamps.reading_reading = 0.0
+    update_gain(s)
 
 
 @kernel
 def scatters(s: State) -> bool:
     """Do the stamps scatter so much that it matters?"""
-    return scatter_variance(s) > (LEAST_SCATTER * s.stamps.period) ** 2
-
-
-@kernel
-def prior_weight(s: State) -> float:
-    """The sum of squared offsets with which the slope would be as uncertain as it is beforehand."""
-    return s.stamps.reading_reading / (PRIOR_VARIANCE * max(s.stamps.count, 1.0))
-
-
-@kernel
-def slope_variance(s: State) -> float:
-    """Of the slope of the readings' offsets over those of the stamps."""
-    prior = prior_weight(s)
-    total = s.stamps.offset_offset + prior
-    return PRIOR_VARIANCE * prior / total if total > 0.0 else PRIOR_VARIANCE
-
-
-@kernel
-def stamp_gain(s: State) -> float:
-    """With which the line follows the stamps: the slope, but no less than the period needs to be learned."""
-    stamps, prior = s.stamps, prior_weight(s)
-    total = stamps.offset_offset + prior
-    slope = (stamps.offset_reading + 0.5 * prior) / total if total > 0.0 else 0.5
-    return min(max(slope - math.sqrt(slope_variance(s)), least_gain(s)), 1.0)
+    return s.stamps.scatter > LEAST_SCATTER * s.stamps.period
 
 
 @kernel
@@ -88,24 +72,57 @@ def least_gain(s: State) -> float:
 
 
 @kernel
-def compare_with_neighbours(p: Parameters, s: State, w: Vector, dt: float) -> None:
-    """Rate w came dt after the last: is the reading of the last one where its stamp lies between its neighbours?"""
+def update_gain(s: State) -> None:
+    """What the sums say: the scatter, the slope, and how closely the line follows the stamps."""
     stamps = s.stamps
-    kept = max(1.0 - dt / p.tuning.stamp_time_s, 0.0)
+    stamps.scatter = math.sqrt(stamps.squares / max(stamps.count, 1.0))
+    prior = stamps.reading_reading / (PRIOR_VARIANCE * max(stamps.taught, 1.0))
+    total, slope, variance = stamps.offset_offset + prior, 0.5, PRIOR_VARIANCE
+    if total > 0.0:
+        slope = (stamps.offset_reading + 0.5 * prior) / total
+        variance = PRIOR_VARIANCE * prior / total
+    stamps.gain = min(max(slope - math.sqrt(variance), least_gain(s)), 1.0)
+    stamps.gain_variance = variance + (slope - stamps.gain) ** 2
+
+
+@kernel
+def compare_with_neighbours(p: Parameters, s: State, w: Vector, dt: float) -> None:
+    """Rate w came dt after the last: is the reading of the last one where its stamp lies between its neighbours?
+
+    Only a change of the rate beyond the gyro's noise shows it, and at rest there is none.
+    """
+    stamps = s.stamps
     before = stamps.last_dt
     half = 0.5 * (before - dt) / (before + dt)  # how much nearer to this one the stamp is, over the way
-    offset_offset = offset_reading = reading_reading = 0.0
+    way2 = offset_offset = offset_reading = reading_reading = 0.0
     for i in range(3):
         first, second = stamps.rate_change[i], w[i] - s.imu.w[i]
         by_stamp, by_reading = half * (first + second), 0.5 * (first - second)
+        way2 += (first + second) ** 2
         offset_offset += by_stamp * by_stamp
         offset_reading += by_stamp * by_reading
         reading_reading += by_reading * by_reading
-    stamps.offset_offset = kept * stamps.offset_offset + offset_offset
-    stamps.offset_reading = kept * stamps.offset_reading + offset_reading
-    stamps.reading_reading = kept * stamps.reading_reading + reading_reading
+    noise2 = NOISE_SIGMAS**2 * 2.0 * p.gyro_psd / stamps.period
+    if way2 > noise2 and s.stationarity.stationary == 0:
+        share = 1.0 - noise2 / way2
+        kept = max(1.0 - share * dt / p.tuning.stamp_time_s, 0.0)
+        stamps.taught = kept * stamps.taught + share
+        stamps.offset_offset = kept * stamps.offset_offset + share * offset_offset
+        stamps.offset_reading = kept * stamps.offset_reading + share * offset_reading
+        stamps.reading_reading = kept * stamps.reading_reading + share * reading_reading
+    kept = max(1.0 - dt / p.tuning.stamp_time_s, 0.0)
     stamps.squares = kept * stamps.squares + (before - dt) ** 2 / 6.0  # has errors of three stamps: 1 + 4 + 1
     stamps.count = kept * stamps.count + 1.0
+    update_gain(s)
+
+
+@kernel
+def count_misfit(s: State) -> None:
+    """The sample is off the line, and comes from no queue."""
+    before = s.stamps.misfits
+    s.stamps.misfits += 2
+    if before <= MAX_MISFITS < s.stamps.misfits:
+        begin_block(s)
 
 
 @kernel
@@ -113,16 +130,22 @@ def periods_since_last(s: State, dt: float) -> float:
     """How many periods after the last sample this one was taken, which was stamped dt later."""
     stamps = s.stamps
     late = dt - stamps.ahead - stamps.period
-    if abs(late) < max(max(0.5, least_gain(s)) * stamps.period, SCATTER_SIGMAS * math.sqrt(scatter_variance(s))):
-        stamps.misfits = max(stamps.misfits - 1, 0)
+    if abs(late) < max(max(0.5, least_gain(s)) * stamps.period, SCATTER_SIGMAS * stamps.scatter):
+        stamps.misfits, stamps.queued = max(stamps.misfits - 1, 0), max(stamps.queued - 1, 0)
         stamps.waiting = 0
         return 1.0
-    stamps.misfits += 2
     periods = math.floor(late / stamps.period + 1.5)
     if periods < 1.0:
         stamps.returns = 1
+        if stamps.queued == 0:
+            count_misfit(s)
+        stamps.queued = max(stamps.queued - 1, 0)
         return max(periods, 0.0)
-    if scatters(s) and stamps.returns == 1 and (stamps.waiting == 0 or dt < 0.5 * stamps.period):
+    if stamps.waiting == 1 and dt < 0.5 * stamps.period:
+        return 1.0
+    count_misfit(s)
+    stamps.queued += int(min(periods, 1e6))
+    if scatters(s) and stamps.returns == 1 and stamps.waiting == 0:
         stamps.waiting = 1
         return 1.0
     stamps.returns = stamps.waiting = 0
@@ -130,21 +153,48 @@ def periods_since_last(s: State, dt: float) -> float:
 
 
 @kernel
+def follow_rate(s: State, dt: float) -> bool:
+    """Compare the mean period of a block without lost or late samples with the line's. Has the line begun anew?"""
+    stamps = s.stamps
+    scatter = SCATTER_SIGMAS * math.sqrt(2.0) * stamps.scatter  # of the difference of two stamps
+    restarts = stamps.misfits > MAX_MISFITS
+    if not restarts and abs(dt - stamps.period) > min(max(0.5 * stamps.period, scatter), MAX_REACH * stamps.period):
+        begin_block(s)
+        return False
+    stamps.block_samples += 1
+    stamps.block_s += dt
+    if stamps.block_samples < BLOCK_SAMPLES:
+        return False
+    mean = stamps.block_s / BLOCK_SAMPLES
+    hidden = 1.0 if scatter > MAX_REACH * stamps.period else 0.0  # a lost sample may pass for scatter
+    if restarts:
+        restart_stamps(s, mean)
+    elif BLOCK_SAMPLES * abs(mean - stamps.period) > (LEAST_CHANGE + hidden) * stamps.period + scatter:
+        stamps.period = mean
+    begin_block(s)
+    return restarts
+
+
+@kernel
 def even_period(p: Parameters, s: State, w: Vector, has_rate: bool, dt: float) -> float:
-    """The period over which the rate w, stamped dt after the last one, is to be integrated, s."""
+    """The period over which the rate w, stamped dt after the last one, is to be integrated, s.
+
+    The sum of the periods is that of the stamps, but for `ahead`.
+    """
     stamps = s.stamps
     waited = stamps.waiting
     periods = periods_since_last(s, dt)
-    if stamps.misfits > MAX_MISFITS:
-        restart_stamps(s, dt)
-        return dt
+    restarted = follow_rate(s, dt)
     early = stamps.ahead + periods * stamps.period - dt  # by how much the stamp is before the line
-    period = dt
+    period = dt - stamps.ahead
     if scatters(s):
-        gain = 0.0 if stamps.waiting == 1 else stamp_gain(s)
-        period = max(periods * stamps.period - gain * early, LEAST_PERIOD * stamps.period)
+        gain = 0.0 if stamps.waiting == 1 else stamps.gain
+        period = periods * stamps.period - gain * early
+    else:
+        stamps.waiting = 0
+    period = max(period, min(LEAST_PERIOD * stamps.period, dt))
     stamps.ahead += period - dt
-    if periods != 1.0 or waited == 1 or stamps.waiting == 1 or not has_rate:
+    if restarted or periods != 1.0 or waited == 1 or stamps.waiting == 1 or not has_rate:
         stamps.last_dt = 0.0
         return period
     stamps.period -= 6.0 * early / min(stamps.count + PRIOR_SAMPLES, LINE_SAMPLES) ** 2
@@ -168,15 +218,13 @@ def stamp_variance(s: State) -> float:
 
     With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them.
     """
-    gain = stamp_gain(s)
-    return (gain * (2.0 - gain) + slope_variance(s)) * scatter_variance(s)
+    gain = s.stamps.gain
+    return (gain * (2.0 - gain) + s.stamps.gain_variance) * s.stamps.scatter**2
 
 
 @kernel
 def turn_in_stamp_error(s: State) -> float:
     """By how much the body turns in the error of a stamp, rad: the attitude is that of another time than stated."""
     w, stamps = s.imu.w, s.stamps
-    variance = (1.0 - stamp_gain(s)) * scatter_variance(s)
-    if stamps.waiting == 1:
-        variance += stamps.ahead * stamps.ahead
+    variance = max((1.0 - stamps.gain) * stamps.scatter**2, stamps.ahead**2)
     return math.sqrt(variance * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))

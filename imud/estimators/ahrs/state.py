@@ -87,6 +87,8 @@ IMU = np.dtype(  # the newest good sample as measured
         ("w", "<f8", (3,)),  # rad/s
         ("f", "<f8", (3,)),  # m/s^2
         ("f_change", "<f8", (3,)),  # m/s^2, from the sample before
+        ("gap_w", "<f8", (3,)),  # rad/s, of the newest sample, or of the one before what may be a gap
+        ("gap_f", "<f8", (3,)),  # m/s^2, the same
         ("outage_s", "<f8"),  # for how long the rate has been held
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
         ("rate2", "<f8"),  # (rad/s)^2, mean square of the rate lately, per axis
@@ -101,16 +103,20 @@ STAMPS = np.dtype(
         ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
         ("returns", "<i8"),  # 1: the last sample that seemed to come after lost ones was late
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
+        ("queued", "<i8"),  # so many samples that seemed lost may yet come at once
+        ("block_samples", "<i8"),  # whose mean period is taken
+        ("block_s", "<f8"),  # the time that they took
         ("last_dt", "<f8"),  # s, between the stamps of the newest two samples; 0: not known
         ("rate_change", "<f8", (3,)),  # rad/s, from the sample before
-        ("count", "<f8"),  # of the samples in these sums, which fade
+        ("count", "<f8"),  # of the samples in the sum of squares, which fades
         ("squares", "<f8"),  # s^2, of the stamps about those of even samples
-        (
-            "offset_offset",
-            "<f8",
-        ),  # (rad/s)^2, of a reading from its neighbours' mean by its stamp, squared
+        ("taught", "<f8"),  # of the samples in the next three sums, which fade
+        ("offset_offset", "<f8"),  # (rad/s)^2, of a reading from its neighbours' mean by its stamp, squared
         ("offset_reading", "<f8"),  # the same times that of the reading
         ("reading_reading", "<f8"),  # that of the reading, squared
+        ("scatter", "<f8"),  # s, of the stamps about those of even samples
+        ("gain", "<f8"),  # with which the line follows the stamps
+        ("gain_variance", "<f8"),  # of the slope of the readings' offsets over those of the stamps, about the gain
     ],
     align=True,
 )

@@ -179,6 +179,8 @@ class Imu:
     w: Reals
     f: Reals
     f_change: Reals
+    gap_w: Reals
+    gap_f: Reals
     outage_s: float
     fault_s: float
     rate2: float
@@ -190,13 +192,20 @@ class Stamps:
     waiting: int
     returns: int
     misfits: int
+    queued: int
+    block_samples: int
+    block_s: float
     last_dt: float
     rate_change: Reals
     count: float
     squares: float
+    taught: float
     offset_offset: float
     offset_reading: float
     reading_reading: float
+    scatter: float
+    gain: float
+    gain_variance: float
 
 
 class Integrals:

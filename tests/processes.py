@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import select
-import signal
 import socket
 import subprocess
 import sys
@@ -13,26 +12,17 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
+from imud.commands.processes import running_process
+
 START_S = 900.0  # kernels may have to be compiled first, on a busy machine
 # before a command: permissions hold for it even if we are root, as in a container
 OBEYING = ("setpriv", "--bounding-set=-all", "--inh-caps=-all") if os.geteuid() == 0 else ()
 TIMEOUT_S = 120.0  # like all limits here: against hanging, not to be measured by
 
 
-@contextlib.contextmanager
-def process(*arguments: str, **options) -> Iterator[subprocess.Popen]:
+def process(*arguments: str, **options) -> contextlib.AbstractContextManager[subprocess.Popen]:
     """`python -m …`, ended with the block."""
-    running = subprocess.Popen([sys.executable, "-m", *arguments], text=True, **options)
-    try:
-        yield running
-    finally:
-        if running.poll() is None:
-            running.send_signal(signal.SIGTERM)
-            try:
-                running.wait(10.0)
-            except subprocess.TimeoutExpired:
-                running.kill()
-                running.wait()
+    return running_process([sys.executable, "-m", *arguments], **options)
 
 
 @contextlib.contextmanager

@@ -16,22 +16,28 @@ from ..errors import ImudError
 from ..process.python import python_command
 
 _RATE_HZ = 20
+_END_S = 10.0  # after which a process that does not end is killed
 _START_S = 3600.0  # the first start compiles the kernels, for minutes on a small or busy machine
 
 
 @contextlib.contextmanager
-def process(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """An imud process, ended with the block. options: of Popen."""
-    process = subprocess.Popen(python_command("imud", *arguments), text=True, **options)
+def running_process(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A process of this command, ended with the block. options: of Popen."""
+    started = subprocess.Popen(command, text=True, **options)
     try:
-        yield process
+        yield started
     finally:
-        process.send_signal(signal.SIGTERM)
+        started.send_signal(signal.SIGTERM)
         try:
-            process.wait(5.0)
+            started.wait(_END_S)
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            started.kill()
+            started.wait()
+
+
+def process(*arguments: str, **options: Any) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    """`imud` with these arguments, ended with the block. options: of Popen."""
+    return running_process(python_command("imud", *arguments), **options)
 
 
 @contextlib.contextmanager

@@ -17,7 +17,8 @@ _STEP_S, _LARGEST_S = 0.25, 120.0  # differences that are compared
 _FOUND_S = 1.5  # up to which the navigation filter finds them by itself
 _APART_S = (0.9, 3.0)  # between two fixes
 _SLOWEST_MPS = 2.0  # the course of what is slower is noise
-_PAIRS, _MOST_PAIRS = 40, 3600  # of fixes
+_PAIRS = 40  # of fixes
+_COMPARED_S = 900.0  # from the first pair on: more needs more memory
 _TURNED_RAD = np.pi  # in all, to and fro
 _EXPLAINED = 0.9  # share of the variance
 _RESIDUAL = 0.2  # of the best one, over the least that the filter would find
@@ -90,7 +91,9 @@ def _turns_of_course(fixes: Records) -> tuple[Floats, Floats, Floats]:
     known = (second < len(fixes)) & np.isin(second, fast)
     first, second = fast[known], second[known]
     close = t_s[second] - t_s[first] < _APART_S[1]
-    first, second = first[close][:_MOST_PAIRS], second[close][:_MOST_PAIRS]
+    first, second = first[close], second[close]
+    early = t_s[second] < t_s[first[:1]] + _COMPARED_S
+    first, second = first[early], second[early]
     return t_s[first], t_s[second], np.angle(v[second] * np.conj(v[first]))
 
 

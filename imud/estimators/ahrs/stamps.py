@@ -50,7 +50,7 @@ def begin_block(s: State) -> None:
 
 @kernel
 def restart_stamps(s: State, period: float) -> None:
-    """Begin anew, with this period; what has not been integrated yet is still owed."""
+    """Begin anew, with this period; `ahead` stays, so that what has not been integrated yet will be."""
     stamps = s.stamps
     stamps.last_dt, stamps.period = 0.0, period
     stamps.waiting = stamps.queued = stamps.misfits = stamps.returns = 0

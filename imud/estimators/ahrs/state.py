@@ -101,9 +101,9 @@ STAMPS = np.dtype(
         ("period", "<f8"),  # s, of even samples
         ("ahead", "<f8"),  # s, by how much the newest sample is later than its stamp
         ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
-        ("returns", "<i8"),  # 1: the last sample that seemed to come after lost ones was late
+        ("returns", "<i8"),  # 1: the last sample that was taken for one after lost ones was late
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
-        ("queued", "<i8"),  # so many samples that seemed lost may yet come at once
+        ("queued", "<i8"),  # so many samples that were taken for lost may yet come at once
         ("block_samples", "<i8"),  # whose mean period is taken
         ("block_s", "<f8"),  # the time that they took
         ("last_dt", "<f8"),  # s, between the stamps of the newest two samples; 0: not known

@@ -48,7 +48,7 @@ TUNABLES = (
         "level_max_accel",
         1.0,
         "m/s^2",
-        "Largest acceleration that the receiver measures that levels better than is known: a turn or a climb lasts.",
+        "Measured acceleration beyond which a pair levels only a tilt that is known less well: a turn lasts.",
         "levelled_sigma times gravity.",
     ),
     Tunable(

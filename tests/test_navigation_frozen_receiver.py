@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from accuracy_simulated import figures
 from navigation_runner import navigate, settings_of
-from navigation_simulation import drive, errors, received, sensed
+from navigation_simulation import drive, errors, moved, received, sensed
+from scipy.spatial.transform import Rotation
 from simulated_errors import twice
 
 from imud.estimators.records import COASTING, REJECTING
@@ -67,6 +68,37 @@ def test_a_position_that_is_held_at_rest_is_used_and_released_when_it_changes():
     out, rows, _ = navigate(samples, fixes)
     assert rows["used"][(rows["kind"] == 0) & (rows["t_ns"] < 159 * 10**9)].all()
     assert errors_in_sigmas(d, out, 90.0, 150.0)[0].max() < 4.0
+
+
+def stopping(seconds, stop_s):
+    """The car of `drive` that brakes and stands from `stop_s` on; an engine shakes it."""
+    d = drive(seconds)
+    speed = np.hypot(*d.v[:, :2].T) * np.clip((stop_s - d.t) / 5.0, 0.0, 1.0)
+    yaw = np.unwrap(np.arctan2(d.v[:, 1], d.v[:, 0]))
+    yaw = np.where(d.t < stop_s, yaw, yaw[int(stop_s * RATE)])
+    v = np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), 0.0 * yaw])
+    return moved(d.t, v, Rotation.from_euler("Z", yaw[:, None]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_estimate_that_is_set_to_a_fix_has_not_moved(seed):
+    """A car stands when fixes come again, of four digits of a minute and without a velocity: they do not change.
+
+    In the outage the biases of its gyros have changed by up to 3 deg/s, so that the estimate is far off; it shakes, so
+    that it is not known to stand. The fixes that the estimate rejected, and then was set to, are not frozen.
+    """
+    d = stopping(180.0, 95.0)
+    rng = np.random.default_rng(seed)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.01, white=0.01)
+    samples["w"][d.t > 75.0] += np.radians((1.0, 1.0, 3.0))
+    samples["f"][d.t > 95.0] += rng.normal(0.0, 1.0, (np.count_nonzero(d.t > 95.0), 3))
+    fixes["speed"] = fixes["course"] = np.nan
+    last = np.radians(1e-4 / 60.0)
+    for name in ("lat", "lon"):
+        fixes[name] = np.round(fixes[name] / last) * last
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    out = navigate(samples, fixes[(t < 75.0) | (t > 98.0)], settings_of("free"))[0]
+    assert errors_in_sigmas(d, out, 120.0, 180.0)[0].max() < 10.0  # 4000 m, if it is taken for frozen
 
 
 def test_positions_that_a_receiver_repeats_now_and_then_say_nothing_new():

@@ -54,7 +54,12 @@ from .glr_tests.time_offset_step import (
     reset_time_offset_step,
 )
 from .glr_tests.velocity_drift import detect_velocity_drift, explained_by_velocity_drift
-from .integrity.frozen_receiver import position_is_frozen, position_is_repeated, velocity_is_repeated
+from .integrity.frozen_receiver import (
+    note_fused_position,
+    position_is_frozen,
+    position_is_repeated,
+    velocity_is_repeated,
+)
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
@@ -247,6 +252,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
             reject_frozen(c)
         rows = write_innovation(innovations, 0, fix.t_ns, POSITION_N, math.nan, math.nan, False)
         return rows if repeated else fuse_gnss_velocity(p, c, fix, innovations, rows)
+    lat, lon = c.nav.lat, c.nav.lon
     rows = fuse_and_align(p, c, b, fix, age, innovations)
     compare_heights(p, c, fix)
     heading_ok = check_given_heading(p, c)
@@ -259,5 +265,6 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         heading_ok = monitor_heading(p, c, b, fix)
     if contradicts_heading(p, c) or not heading_ok:
         find_heading_anew(p, c, fix)
+    note_fused_position(c, lat, lon)
     count_fix(c)
     return rows

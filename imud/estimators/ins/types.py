@@ -260,6 +260,7 @@ class Integrity:
     unchanged_since_ns: int
     unchanged_lat: float
     unchanged_lon: float
+    rejected_new: int
     frozen: int
     epochs: int
     velocity_reject_count: int

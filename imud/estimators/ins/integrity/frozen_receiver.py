@@ -16,7 +16,7 @@ from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import variance
 from ..mechanization import ned_difference
-from ..state import NAVIGATING, VELOCITY
+from ..state import HORIZONTAL, NAVIGATING, VELOCITY
 
 if TYPE_CHECKING:
     from ...types import Fix
@@ -54,7 +54,8 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
 
     Many receivers hold the position at rest, and release it late. A frozen position counts as frozen until it changes,
-    even if the estimate becomes uncertain.
+    even if the estimate becomes uncertain. One that the estimate rejected when it was new is not frozen, as that was
+    where the receiver was then: the estimate may be wrong, and the vehicle stand.
     """
     g = c.integrity
     if fix.lat != g.last_lat or fix.lon != g.last_lon:
@@ -64,11 +65,23 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
         g.frozen = 0
         return False
     unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
-    if c.alignment.mode == NAVIGATING and g.frozen == 0:
+    if c.stationarity.at_rest != 0 and g.frozen == 0:  # rest corrects the estimate
+        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
+    if c.alignment.mode == NAVIGATING and g.frozen == 0 and g.rejected_new == 0:
         north, east = ned_difference(c, g.unchanged_lat, g.unchanged_lon, c.nav.lat, c.nav.lon)
         sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
         g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
     return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
+
+
+@kernel
+def note_fused_position(c: Core, lat: float, lon: float) -> None:
+    """A fix has moved the estimate from (lat, lon), rad, which is no motion; store whether a new position was used."""
+    g = c.integrity
+    g.unchanged_lat += c.nav.lat - lat
+    g.unchanged_lon += c.nav.lon - lon
+    if g.unchanged_since_ns == c.nav.t_ns:
+        g.rejected_new = 1 if g.reject_count[HORIZONTAL] > 0 else 0
 
 
 @kernel

@@ -116,3 +116,19 @@ def test_an_outlier_is_no_lag_of_the_velocity():
         fixes["lon"][at] -= 45.0 / 6.37e6
         _, _, state = run(fixes, d)
         assert np.atleast_1d(state["velocity_lag"]["late"])[0] == 0
+
+
+@pytest.mark.parametrize("every", [0.2, 1.0])
+@pytest.mark.parametrize(("north", "east"), [(25.0, -45.0), (-30.0, 20.0), (60.0, 60.0)])
+def test_a_first_position_that_is_off_leaves_no_velocity_behind(north, east, every):
+    """Positions alone of a car that is under way: the first was a velocity of 100 m/s, for half a minute."""
+    d = drive(60.0, speed=12.0, fast_start=True)
+    fixes = received(d, np.random.default_rng(4), late=0.1, sigma=0.01, white=0.01, every=every)
+    fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
+    fixes["speed"] = fixes["course"] = np.nan
+    fixes["lat"][0] += north / 6.37e6
+    fixes["lon"][0] += east / 4.26e6
+    p, out, _ = run(fixes, d)
+    settled = slice(int(100 * (1.0 + 5.0 * every)), None)
+    assert np.hypot(*p[settled].T).max() < (4.0 if every < 1.0 else 12.0)
+    assert out["sigma_p"][settled, :2].max() < 80.0  # the first one may be right instead

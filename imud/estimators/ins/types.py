@@ -243,6 +243,7 @@ class Integrity:
     reject_start_ns: Integers
     inconsistent_count: int
     outage_at_reject_s: float
+    first_offset: Reals
     reject_offset: Reals
     reject_velocity: Reals
     rejected_velocity: Reals

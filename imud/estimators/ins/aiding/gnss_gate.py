@@ -31,7 +31,7 @@ from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.time_offset_step import reset_time_offset_step
 from ..integrity.alternating_receiver import count_height, reject_share, share_of_few
 from ..integrity.reset_inflation import inflate_position_to
-from ..state import HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
+from ..state import COARSE_ALIGNMENT, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
 from .gnss_reset import (
     allow_for_wrong_velocity,
     bias_free_innovation,
@@ -288,8 +288,11 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool:
     """Whether it is too early to use a rejected position.
 
-    A receiver with centimetre accuracy measures the phase of the carriers: it does not extrapolate.
+    A receiver with centimetre accuracy measures the phase of the carriers: it does not extrapolate. Before the heading
+    is known the estimate is no more than the positions used: when more have been rejected since, these are right.
     """
+    if c.alignment.mode == COARSE_ALIGNMENT and c.integrity.reject_count[HORIZONTAL] > c.integrity.position_uses + 1.0:
+        return False
     if diverges and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
         return False
     few = c.integrity.reject_count[HORIZONTAL] <= p.tuning.reset_count and not diverges
@@ -316,6 +319,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     g.reject_count[HORIZONTAL] += 1
     if g.reject_count[HORIZONTAL] == 1:
         g.outage_at_reject_s = outage_s
+        for i in range(2):
+            g.first_offset[i] = bias_free_innovation(c, i)
     supported = velocity_is_supported(p, c, fix)
     consistent_s = consistent_for(p, c, supported)
     measure_divergence(p, c)

@@ -14,7 +14,7 @@ from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, inflate, variance
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
-from ..state import ATTITUDE, GNSS_VELOCITY_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY
+from ..state import ATTITUDE, COARSE_ALIGNMENT, GNSS_VELOCITY_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY
 from .gnss_noise import clear_gnss_bias
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
     Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
     GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
     Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
-    which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
+    which the horizontal positions drifted away in `drifted_for_s` is stated as an error. Before the heading is known
+    the velocity came of positions alone: it may be wrong by as much as the difference shows, and no more is stated as
+    an error than the first rejected position was off, and receivers drift.
     """
     # along all axes at once: the metres east are those at the latitude before
     if first == 0:
@@ -86,8 +88,14 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
         z, sigma = bias_free_innovation(c, i), c.gnss.reported_sigma[i // 2]
         decorrelate(c, POSITION + i, (p.tuning.reset_sigmas * sigma) ** 2 + p.tuning.reset_position_sigma**2)
         clear_gnss_bias(c, i, sigma * sigma)
-        inflate_position(c, i, z * z)
         c.scratch.position_innovation[i] = 0.0
+        if not supported and i < 2 and c.alignment.mode == COARSE_ALIGNMENT:
+            outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+            add_variance(c, VELOCITY + i, max(p.tuning.reset_velocity_sigma, abs(z) / outage_s) ** 2)
+            drift = abs(c.integrity.first_offset[i]) + p.tuning.max_drift_speed * outage_s
+            inflate_position(c, i, min(abs(z), drift) ** 2)
+            continue
+        inflate_position(c, i, z * z)
         if not supported:
             add_variance(c, VELOCITY + i, p.tuning.reset_velocity_sigma**2)
             if i < 2 and drifted_for_s > 0.0:

@@ -11,6 +11,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("reject_start_ns", "<i8", (2,)),  # the first of them, or of those that are consistent with the velocity
         ("inconsistent_count", "<i8"),  # rejected positions in a row that are far from those before: outliers?
         ("outage_at_reject_s", "<f8"),  # since the last fix used, when the first was rejected
+        ("first_offset", "<f8", (2,)),  # m, north and east: innovation of the first position rejected in a row
         ("reject_offset", "<f8", (2,)),  # m, how far north and east of the estimate that was
         ("reject_velocity", "<f8", (2,)),  # m/s, north and east, estimated then
         ("rejected_velocity", "<f8", (2,)),  # m/s, error of the velocity that explains the last rejected position

@@ -39,8 +39,11 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
         if key not in fields:
             import difflib  # for typing errors only
 
-            near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
-            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
+            near = (
+                [] if schema is Initial else [known.path for known in keys() if known.name == key]
+            )  # of another table
+            near = near or [prefix + name for name in difflib.get_close_matches(key, fields, n=1, cutoff=0.5)]
+            hint = f"did you mean {' or '.join(near)}?" if near else f"known here: {', '.join(fields)}"
             yield path, f"unknown key; {hint}"
         elif is_table(fields[key]):
             if isinstance(value, dict):
@@ -49,7 +52,9 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
                 yield path, "is a table of keys, not a value"
         elif not is_valid(value, fields[key]):
             kind, _ = kind_of(fields[key])
-            yield path, f"must be {kind}{rule_of(fields[key])}, not {reprlib.repr(value)}"
+            rule = rule_of(fields[key]) if isinstance(value, str) == (kind == "text") else ""  # else its type is wrong
+            shown = str(value).lower() if isinstance(value, bool) else reprlib.repr(value)
+            yield path, f"must be {kind}{rule}, not {shown}"
 
 
 def _lines_of(text: str) -> dict[str, int]:
@@ -59,6 +64,7 @@ def _lines_of(text: str) -> dict[str, int]:
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[+\s*([\w.\-]+)\s*\]+", line):
             table = header[1] + "."
+            lines.setdefault(header[1], number)
         elif assigned := re.match(r"\s*([\w.\-]+)\s*=", line):
             lines.setdefault(table + assigned[1], number)
     return lines
@@ -178,7 +184,7 @@ def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
         try:
             parse_initial(start)
         except ConfigError as error:
-            yield "initial", f"not as it must be for {error}"
+            yield "initial", str(error).removeprefix("--initial").lstrip(": ")
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
     if tuned:
         from ..estimators import registry

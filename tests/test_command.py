@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
         (["--port", "/dev/x", "--port", "/dev/x"], 64),
         (["--port", "/dev/x:toaster"], 64),
         (["--port", "sim:car:toaster"], 64),
+        (["--port", "sim:cars"], 64),
         (["--port", "/dev/x", "--rtcm", "base"], 78),
         (["--port", "/dev/x", "--set", 'outputs=["guess:/tmp/x"]'], 78),
         (["--port", "/dev/x", "--estimator", "guess"], 64),

@@ -273,7 +273,7 @@ def test_innovations_without_a_value_have_no_ratio_to_show():
     assert screen.innovations({"north": refused}) == ["0 used, 109 rejected"]
     assert screen.innovations({"north": refused, "east": judged}) == [
         "east 0.96",
-        "ratio 1 is right; 7 used, 110 rejected",
+        "ratio 1 is right, less is cautious; 7 used, 110 rejected",
     ]
 
 

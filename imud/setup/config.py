@@ -37,14 +37,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
     for key, value in table.items():
         path = prefix + key
         if key not in fields:
-            import difflib  # for typing errors only
-
-            near = (
-                [] if schema is Initial else [known.path for known in keys() if known.name == key]
-            )  # of another table
-            near = near or [prefix + name for name in difflib.get_close_matches(key, fields, n=1, cutoff=0.5)]
-            hint = f"did you mean {' or '.join(near)}?" if near else f"known here: {', '.join(fields)}"
-            yield path, f"unknown key; {hint}"
+            yield path, f"unknown key; {_hint(key, schema, prefix)}"
         elif is_table(fields[key]):
             if isinstance(value, dict):
                 yield from _problems(value, fields[key], path + ".")
@@ -55,6 +48,16 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
             rule = rule_of(fields[key]) if isinstance(value, str) == (kind == "text") else ""  # else its type is wrong
             shown = str(value).lower() if isinstance(value, bool) else reprlib.repr(value)
             yield path, f"must be {kind}{rule}, not {shown}"
+
+
+def _hint(key: str, schema: type[msgspec.Struct], prefix: str) -> str:
+    """Which key may be meant by one that `schema` does not have: that of another table, or one spelt similarly."""
+    import difflib  # for typing errors only
+
+    names = _fields(schema)
+    near = [] if schema is Initial else [known.path for known in keys() if known.name == key]
+    near = near or [prefix + name for name in difflib.get_close_matches(key, names, n=1, cutoff=0.5)]
+    return f"did you mean {' or '.join(near)}?" if near else f"known here: {', '.join(names)}"
 
 
 def _lines_of(text: str) -> dict[str, int]:

@@ -99,7 +99,6 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
     assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
     assert {"sroll_deg", "sn_m", "bgx_dps", "sbgx_dps", "baz_mps2"} <= last["filter"].keys()
-    assert list(KINDS) == list(range(len(KINDS))) and set(ASSUMED) < set(KINDS)
     assert set(last["innovations"]) <= {kind.key for kind in KINDS.values()}
     assert last["innovations"]["north"]["used"] > 0
     assert last["outputs"]["gpsd"]["clients"] == 2 and last["outputs"]["gpsd"]["connections"] == 5 + asked
@@ -266,6 +265,10 @@ def test_a_sources_share_is_of_the_reductions_of_a_minute():
     )  # a third of it is left
     assert shares.table("gnss") == {"share": {"position": 0.25, "velocity": 0.0}}
     assert shares.table("odometer") == {"share": {"position": 0.75, "velocity": 1.0}}
+
+
+def test_each_code_of_an_innovation_up_to_the_last_has_names():
+    assert set(KINDS) == set(range(len(KINDS))) and set(ASSUMED) < set(KINDS)
 
 
 def test_innovations_without_a_value_have_no_ratio_to_show():

@@ -256,7 +256,7 @@ def test_a_receiver_that_sends_only_gll_is_recognised():
 
 
 def test_an_instrument_that_knows_no_position_is_not_called_a_disturbed_line():
-    """A sentence each 2 s: none may come while its speed is listened to, and what other speeds make of it is garbage."""
+    """A sentence each 2 s: none may come while its speed is listened to; at other speeds it is garbage."""
     line = b"$SDDBT,036.4,f,011.1,M,006.0,F*00\r\n"
     phases = [0.05 + 0.2 * i for i in range(10)]
     found = [str(run(detect(), Speaker(4800, line, period_s=2.0, first_s=phase))[0]) for phase in phases]

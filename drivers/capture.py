@@ -226,6 +226,7 @@ class Capture:
                 at = f"at {self.read_bytes} bytes ({why})"
                 start = _next_chunk(file, max(start, self.read_bytes) + 1)
                 if start is None:
-                    self.broken = f"{self.path} broke off, as after a power cut, {at}; read up to there"
+                    how = "broke off, as after a power cut, or is still being written,"
+                    self.broken = f"{self.path} {how} {at}; read up to there"
                 else:
                     self.broken = f"{self.path} is damaged {at}: what cannot be read is left out"

@@ -235,6 +235,10 @@ def connect(path: str | Path, divisor: int = 1, timeout_s: float | None = None) 
         stream = Stream(sock)
         if divisor != 1:
             stream.set_divisor(divisor)
+    except OSError as error:
+        sock.close()
+        error.filename = str(path)  # which a socket's errors lack
+        raise
     except BaseException:
         sock.close()
         raise

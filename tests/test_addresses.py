@@ -112,7 +112,7 @@ def test_a_dead_unix_socket_is_replaced_and_a_file_is_not(make_loop, tmp_path):
     with pytest.raises(AddressInUseError):
         GpsdServer(Gpsd(listen=str(file)), select.poll())
     assert file.read_text() == "keep me"
-    with pytest.raises(CannotCreateError, match="No such file"):
+    with pytest.raises(CannotCreateError, match=f"there is no folder {tmp_path}/none$"):
         GpsdServer(Gpsd(listen=str(tmp_path / "none/gpsd.sock")), select.poll())
 
 

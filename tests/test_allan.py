@@ -134,6 +134,17 @@ def test_motion_of_the_sensor_is_reported(recording, tmp_path, capsys):
     assert "moved, most at 1000 s" in capsys.readouterr().out
 
 
+def test_motion_all_the_time_is_reported(recording, tmp_path, capsys):
+    header, *lines = recording.read_text().splitlines()[:2001]
+    for i, line in enumerate(lines):
+        t, _, *others = line.split(",")
+        lines[i] = ",".join([t, f"{0.1 * (i // 20 % 2)}", *others])  # changes each second
+    moving = tmp_path / "moving.csv"
+    moving.write_text("\n".join([header, *lines]))
+    assert main(["allan", str(moving)]) == 0
+    assert "its motion, not its noise" in capsys.readouterr().out
+
+
 def test_axes_that_the_sensor_has_not(recording, tmp_path, capsys):
     header, *lines = recording.read_text().splitlines()[:2001]
     yaw, none = tmp_path / "yaw.csv", tmp_path / "none.csv"

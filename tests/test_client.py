@@ -149,7 +149,7 @@ def test_the_end_of_the_daemon_ends_the_stream(outputs):
     outputs.close()
     assert list(stream) == []
     assert not (outputs.at / "s").exists()
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(FileNotFoundError, match=str(outputs.at / "s")):
         client.connect(outputs.at / "s")
 
 

@@ -41,6 +41,19 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
     assert config.load(file).gpsd.rate_hz == 5.0
 
 
+def test_an_unknown_key_or_a_wrong_type_is_said_with_what_to_write():
+    text = "vehicle = 'land'\n[naviagtion]\n[spi]\ndata_ready = 'gpio24'\n[stream]\nlisten = true\n[gpsd]\nlisten = 29"
+    with pytest.raises(ConfigError) as caught:
+        config.loads(text, name="x.toml")
+    assert str(caught.value).splitlines()[1:] == [
+        "  x.toml:1: vehicle: unknown key; did you mean navigation.vehicle?",
+        "  x.toml:2: naviagtion: unknown key; did you mean navigation?",
+        "  x.toml:4: spi.data_ready: must be text like gpiochip0:24, not 'gpio24'",
+        "  x.toml:6: stream.listen: must be text, not true",
+        "  x.toml:8: gpsd.listen: must be text, not 29",
+    ]
+
+
 @pytest.mark.parametrize("text", ["imu = [", "imu = 3\n", "\x00"])
 def test_bad_toml_is_one_clear_error(tmp_path, text):
     file = tmp_path / "imud.toml"
@@ -65,9 +78,18 @@ def test_initial_values():
         config.parse_initial("yaw=1")
 
 
-@pytest.mark.parametrize("start", ["foo", "yaw=3", "a\\u0007", "x" * 3000])
-def test_a_wrong_start_in_the_settings_is_said_in_a_line_as_it_should_be(start):
-    with pytest.raises(ConfigError, match=r"initial: not as it must be for --initial") as caught:
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("foo", "foo: write it as KEY=VALUE"),
+        ("yaw=3", "yaw: unknown key; did you mean yaw_deg?"),
+        ("vehicle=3", "vehicle: unknown key; known here: "),
+        ("a\\u0007", r"'a\\x07': write it as KEY=VALUE"),
+        ("x" * 3000, "'xxx"),
+    ],
+)
+def test_a_wrong_start_in_the_settings_is_said_in_a_line_as_it_should_be(start, said):
+    with pytest.raises(ConfigError, match=rf":1: initial: {said}") as caught:
         config.loads(f'initial = "{start}"')
     assert len(str(caught.value)) < 400
     assert "\a" not in str(caught.value)

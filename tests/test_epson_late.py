@@ -84,6 +84,19 @@ def test_a_late_sensor_is_set_up(kind):
     assert device.sampling
 
 
+@pytest.mark.parametrize("base", [LateFlat, LateWindowed])
+def test_a_serial_number_whose_answers_alone_are_late_is_read(base):
+    class LateSerial(base):
+        def say(self, data):
+            self.late_s = 0.15 if data[0] >= 0x74 else 0.0
+            super().say(data)
+
+    device = LateSerial(0.0)
+    device.host_baud = device.baud
+    found, _ = run(DRIVER.identify(), device)
+    assert (found.model, len(found.serial)) == (device.model, 8)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("baud", [230400, 115200, 19200])
 @pytest.mark.parametrize("late_s", [0.12, 0.3])

@@ -76,7 +76,7 @@ def test_emulated_ports_of_one_scenario_share_their_motion(tmp_path):
 
 @pytest.mark.parametrize(
     ("port", "says"),
-    [("sim:moon", "'moon' (choose from"), ("sim:car:nmea@300", "460800"), ("sim:", "no device")],
+    [("sim:moon", "no scenario 'moon'; there are rest,"), ("sim:car:nmea@300", "460800"), ("sim:", "no device")],
 )
 def test_a_scenario_that_is_none_is_misuse(port, says):
     command = [sys.executable, "-m", "imud", "run", "--port", port]

@@ -99,7 +99,6 @@ def test_a_running_daemon_gives_the_same_status_in_three_forms(tmp_path):
     assert first["ports"][0]["frames"] < ports[imu]["frames"] < int(ended[1])
     assert last["filter"]["flags"]["position"] and "position" in last["filter"]["state"]
     assert {"sroll_deg", "sn_m", "bgx_dps", "sbgx_dps", "baz_mps2"} <= last["filter"].keys()
-    assert list(KINDS) == list(range(len(KINDS))) and set(ASSUMED) < set(KINDS)
     assert set(last["innovations"]) <= {kind.key for kind in KINDS.values()}
     assert last["innovations"]["north"]["used"] > 0
     assert last["outputs"]["gpsd"]["clients"] == 2 and last["outputs"]["gpsd"]["connections"] == 5 + asked
@@ -268,12 +267,16 @@ def test_a_sources_share_is_of_the_reductions_of_a_minute():
     assert shares.table("odometer") == {"share": {"position": 0.75, "velocity": 1.0}}
 
 
+def test_each_code_of_an_innovation_up_to_the_last_has_names():
+    assert set(KINDS) == set(range(len(KINDS))) and set(ASSUMED) < set(KINDS)
+
+
 def test_innovations_without_a_value_have_no_ratio_to_show():
     refused, judged = {"used": 0, "rejected": 109}, {"used": 7, "rejected": 1, "ratio": 0.96}
     assert screen.innovations({"north": refused}) == ["0 used, 109 rejected"]
     assert screen.innovations({"north": refused, "east": judged}) == [
         "east 0.96",
-        "ratio 1 is right; 7 used, 110 rejected",
+        "ratio 1 is right, less is cautious; 7 used, 110 rejected",
     ]
 
 

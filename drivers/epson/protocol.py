@@ -153,5 +153,7 @@ def describe(dialect: Dialect) -> Dialogue[Identity | Unsupported]:
         return Unsupported("epson", f"Epson {product or 'IMU'}", "its scale factors are not in drivers/epson/models.py")
     version = yield from read_register(dialect.version)
     serial = yield from read_text(dialect.serial)
+    if product and not serial:  # it has one: a machine under load reads answers late
+        serial = yield from with_late_answers(read_text(dialect.serial))
     name = model.name if dialect is FLAT else f"M-{product}"
     return Identity("epson", name, serial, f"{version:04x}" if version else "", profile=model.profile)

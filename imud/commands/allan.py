@@ -45,6 +45,7 @@ _KINDS = {
 _SI = {"gyro": ("rad/s/√Hz", "rad/s", "rad/s/√s"), "accel": ("m/s²/√Hz", "m/s²", "m/s²/√s")}
 _NAMES = ("random walk N", "bias instability B", "rate random walk K")
 _MOTION_RATIO = 10.0  # change of the mean rate from one second to the next, over the median change
+_MOTION_RADPS = math.radians(1.0)  # the same: at rest no gyro that is used changes so much
 Found = dict[str, dict[str, "AllanDeviation"]]  # by kind and letter of those axes that the sensor has
 
 
@@ -150,7 +151,7 @@ def _motion(samples: Any, rate_hz: float) -> str:
     whole = len(samples) // m * m
     means = np.linalg.norm(samples["w"][:whole].reshape(-1, m, 3).mean(axis=1), axis=1)
     steps = np.abs(np.diff(means))
-    if len(steps) > 10 and steps.max() > _MOTION_RATIO * (np.median(steps) + 1e-6):
+    if len(steps) > 10 and steps.max() > min(_MOTION_RATIO * (np.median(steps) + 1e-6), _MOTION_RADPS):
         at = (int(np.argmax(steps)) + 1) * m / rate_hz
         return f"The sensor has moved, most at {at:.0f} s: the result is its motion, not its noise."
     return ""

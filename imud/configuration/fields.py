@@ -18,9 +18,16 @@ def number(least: float, most: float, unit: str, what: str = "", *, hot: bool = 
     return Meta(ge=0 if or_zero else least, le=most, description=what, extra=extra)
 
 
-def text(what: str = "", *, form: str = r"^[^\x00-\x1f\x7f\ud800-\udfff]*\Z", longest: int = 4000) -> Meta:
-    """Text without control characters, which no path, address or name has, and without undecodable bytes."""
-    extra = {"rule": f" without control characters, in UTF-8, at most {longest} long"}
+def text(
+    what: str = "", *, form: str = r"^[^\x00-\x1f\x7f\ud800-\udfff]*\Z", example: str = "", longest: int = 4000
+) -> Meta:
+    """Text without control characters, which no path, address or name has, and without undecodable bytes.
+
+    form: what else it must match; example: such a text, for messages.
+    """
+    extra = {
+        "rule": f" like {example}" if example else f" without control characters, in UTF-8, at most {longest} long"
+    }
     return Meta(pattern=form, max_length=longest, description=what, extra=extra)
 
 

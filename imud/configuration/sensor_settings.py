@@ -58,6 +58,7 @@ class Spi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         text(
             "CHIP:LINE of the GPIO that its data-ready pin is wired to, as `gpiochip0:24` or `gpiochip0:GPIO24`; its "
             "edges then time the samples. Without it they are fetched by the clock.",
+            example="gpiochip0:24",
             form=r"^([^:\x00-\x1f\x7f\ud800-\udfff]+:[^:\x00-\x1f\x7f\ud800-\udfff]+)?\Z",
         ),
     ] = ""

@@ -21,6 +21,7 @@ from imud.drivers.transport.portspec import PortSpec
 from ..configuration.settings import Settings
 from ..errors import ImudError, UsageError
 from ..process.python import python_command
+from .aiding_socket import address_of
 
 SCHEME = "sim:"
 DEVICES = {None: "g350", "epson": "g350", "crossbow": "rga300", "iio": "bmi160"}  # by driver; others have its name
@@ -59,7 +60,7 @@ def emulated(texts: Sequence[str], seed: int, listen: str = "") -> Iterator[Emul
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="imud-sim-")))
         if any(_in_kernel(spec) for spec in specs):
             stack.enter_context(_sysfs_in(folder))
-        send_to = listen or str(folder / "aiding")
+        send_to = address_of(listen).text.removeprefix("unix:") if listen else str(folder / "aiding")
         for scenario in scenarios:
             own = [i for i, spec in enumerate(specs) if spec.path == scenario]
             wanted = [specs[i] for i in own]
@@ -73,7 +74,7 @@ def emulated(texts: Sequence[str], seed: int, listen: str = "") -> Iterator[Emul
 
 
 def check(texts: Sequence[str]) -> None:
-    """Raises UsageError for a port that is none, or a device that is not emulated."""
+    """Raises UsageError for a port that is none, or a scenario or a device that is not emulated."""
     for text in texts:
         _spec(text)
 
@@ -119,9 +120,16 @@ def _on_its_port(spec: PortSpec, link: Path) -> PortSpec:
 
 def _spec(text: str) -> PortSpec:
     try:
-        return PortSpec.parse(text, (*names(), *OTHERS, *POLLED, *PROGRAMS) if text.startswith(SCHEME) else None)
+        spec = PortSpec.parse(text, (*names(), *OTHERS, *POLLED, *PROGRAMS) if text.startswith(SCHEME) else None)
     except SpecError as error:
         raise UsageError(str(error)) from error
+    if spec.path.startswith(SCHEME):
+        from imud.firmware_sim.cli import SCENARIO_NAMES  # for emulated devices only
+
+        scenario = spec.path[len(SCHEME) :]
+        if scenario not in SCENARIO_NAMES:
+            raise UsageError(f"port {text!r}: there is no scenario {scenario!r}; there are {', '.join(SCENARIO_NAMES)}")
+    return spec
 
 
 def _device(spec: PortSpec) -> str:

@@ -169,6 +169,8 @@ def _listen_error(address: Address, error: OSError) -> Exception:
         return AddressInUseError(f"cannot listen on {address.text}: in use{by}; stop that or choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
         return PermissionDeniedError(f"cannot listen on {address.text}: permission denied")
+    if error.errno == errno.ENOENT and isinstance(address.where, str):
+        return CannotCreateError(f"cannot listen on {address.text}: there is no folder {Path(address.where).parent}")
     return CannotCreateError(f"cannot listen on {address.text}: {error.strerror or error}")
 
 

@@ -17,7 +17,7 @@ class Output(Protocol):
         """Monotonic time when it wants the next view."""
 
     def publish(self, view: View, now_ns: int) -> None:
-        """Publish the view."""
+        """Publish the view. Before anything streams it has no solution: status 0, NaN."""
 
     def close(self) -> None:
         """The daemon ends."""

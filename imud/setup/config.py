@@ -37,11 +37,7 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
     for key, value in table.items():
         path = prefix + key
         if key not in fields:
-            import difflib  # for typing errors only
-
-            near = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
-            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
-            yield path, f"unknown key; {hint}"
+            yield path, f"unknown key; {_hint(key, schema, prefix)}"
         elif is_table(fields[key]):
             if isinstance(value, dict):
                 yield from _problems(value, fields[key], path + ".")
@@ -49,7 +45,19 @@ def _problems(table: dict[str, Any], schema: type[msgspec.Struct], prefix: str =
                 yield path, "is a table of keys, not a value"
         elif not is_valid(value, fields[key]):
             kind, _ = kind_of(fields[key])
-            yield path, f"must be {kind}{rule_of(fields[key])}, not {reprlib.repr(value)}"
+            rule = rule_of(fields[key]) if isinstance(value, str) == (kind == "text") else ""  # else its type is wrong
+            shown = str(value).lower() if isinstance(value, bool) else reprlib.repr(value)
+            yield path, f"must be {kind}{rule}, not {shown}"
+
+
+def _hint(key: str, schema: type[msgspec.Struct], prefix: str) -> str:
+    """Which key may be meant by one that `schema` does not have: that of another table, or one spelt similarly."""
+    import difflib  # for typing errors only
+
+    names = _fields(schema)
+    near = [] if schema is Initial else [known.path for known in keys() if known.name == key]
+    near = near or [prefix + name for name in difflib.get_close_matches(key, names, n=1, cutoff=0.5)]
+    return f"did you mean {' or '.join(near)}?" if near else f"known here: {', '.join(names)}"
 
 
 def _lines_of(text: str) -> dict[str, int]:
@@ -59,6 +67,7 @@ def _lines_of(text: str) -> dict[str, int]:
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[+\s*([\w.\-]+)\s*\]+", line):
             table = header[1] + "."
+            lines.setdefault(header[1], number)
         elif assigned := re.match(r"\s*([\w.\-]+)\s*=", line):
             lines.setdefault(table + assigned[1], number)
     return lines
@@ -178,7 +187,7 @@ def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
         try:
             parse_initial(start)
         except ConfigError as error:
-            yield "initial", f"not as it must be for {error}"
+            yield "initial", str(error).removeprefix("--initial").lstrip(": ")
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
     if tuned:
         from ..estimators import registry

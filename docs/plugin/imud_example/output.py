@@ -1,10 +1,9 @@
-"""An output: one line per second in a file, with the time and the view's sequence number."""
+"""An output: one line per second in a file: time, sequence number of the view, roll, pitch and yaw in degrees."""
 
 from pathlib import Path
 
-import numpy as np
-
-from imud.estimators.records import SOLUTION
+from imud.estimators.records import ATTITUDE_VALID
+from imud.outputs.view import decode, euler
 
 PERIOD_NS = 1_000_000_000
 
@@ -20,10 +19,12 @@ class Lines:
         self.due_ns = 0
 
     def publish(self, view, now_ns):
-        """A line for the view."""
+        """A line for the view, once its attitude is valid: before the sensor streams a view has no solution."""
         self.due_ns = now_ns + PERIOD_NS
-        w, x, y, z = np.frombuffer(view.solution, SOLUTION)["q_nb"][0]
-        self._file.write(f"{view.t_mono_ns * 1e-9:.3f} {view.seq} {w:.6f} {x:.6f} {y:.6f} {z:.6f}\n")
+        state = decode(view.solution)
+        if state.status & ATTITUDE_VALID:
+            roll, pitch, yaw = euler(state.q_nb)
+            self._file.write(f"{view.t_mono_ns * 1e-9:.3f} {view.seq} {roll:.3f} {pitch:.3f} {yaw:.3f}\n")
 
     def close(self):
         """The daemon ends."""

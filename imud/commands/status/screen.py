@@ -53,7 +53,7 @@ def innovations(by_kind: Table) -> list[str]:
     )
     used, rejected = (sum(entry[what] for entry in by_kind.values()) for what in ("used", "rejected"))
     counts = f"{used} used, {rejected} rejected"
-    return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right; {counts}"] if ratios else [counts]
+    return [*textwrap.wrap(ratios, _WIDTH), f"ratio 1 is right, less is cautious; {counts}"] if ratios else [counts]
 
 
 def measurements(aiding: Table) -> Iterator[str]:

@@ -25,6 +25,7 @@ LISTENING_ORDER = (38400, 460800, 4800, 57600, 230400, 9600, 115200, 19200, 9216
 ECHOES = 3  # in a row are no answers
 GREETING_S = 5.0  # also for making the connection
 NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
+BITS = 10  # on the wire per byte
 START_S = 0.4  # between rounds on SPI: a device may be starting up
 
 Found = Identity | Unsupported
@@ -165,8 +166,14 @@ def _of_protocols(candidates: Sequence[AnyDriver], found: Found, readonly: bool)
         if own and (other is None or native.sends_fixes(received)):
             return own
         if own and other:
-            return own if not readonly and (yield from native.identify()) else other
+            return own if not readonly and (yield from _answers(native, found.baud)) else other
     return found
+
+
+def _answers(driver: AnyDriver, baud: int) -> Dialogue[bool]:
+    """Whether its device answers on a line that carries other data, too."""
+    found = yield from _unless_echoed(driver.identify(), baud, hurry=False, activity=Activity())
+    return isinstance(found, Identity)
 
 
 def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
@@ -248,7 +255,8 @@ def _unless_echoed(
     try:
         exchange = next(dialogue)
         while echoes < ECHOES:
-            received = b"" if hurry and exchange.optional else (yield exchange)
+            listen_s = exchange.listen_s + exchange.answer_bytes * BITS / baud
+            received = b"" if hurry and exchange.optional else (yield replace(exchange, listen_s=listen_s))
             activity.add(baud, exchange.send, received)
             if exchange.send and received:
                 echoes = echoes + 1 if received == exchange.send else 0

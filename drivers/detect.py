@@ -45,6 +45,13 @@ class Activity:
         if received != sent and len(before) < RECEIVED_MAX:
             self.answers[baud] = before + received
 
+    def recognised(self, candidates: Sequence[AnyDriver]) -> Found | None:
+        """The device that streams so rarely that it was heard only now."""
+        for baud, answers in self.answers.items():
+            if found := _recognised(candidates, answers, baud):
+                return found
+        return None
+
     def unrecognised(self, bauds: Sequence[int]) -> UnrecognisedData | None:
         """The answers as data of no known device; None if there were hardly any."""
         data = [UnrecognisedData(answers, baud, tuple(bauds)) for baud, answers in self.answers.items()]
@@ -117,13 +124,23 @@ def detect(
             answer = yield from _query({one: speeds[one.name] for one in queried}, late_speeds, activity)
             if isinstance(answer, Echo):
                 return answer
-            found = answer
+            found = answer or activity.recognised(candidates)
         if found is not None:
             yield Exchange(baud=found.baud)
             return (yield from _of_protocols(candidates, found, readonly))
         if data is not None:
-            return data
-    return last or activity.unrecognised(bauds) or Silence(bauds, not readonly)
+            return _of_another_driver(driver, data) or data
+    last = last or activity.unrecognised(bauds)
+    return Silence(bauds, not readonly) if last is None else _of_another_driver(driver, last) or last
+
+
+def _of_another_driver(named: str | None, data: UnrecognisedData) -> Unsupported | None:
+    """The device whose data they are, if the user named the driver of another one."""
+    found = _recognised(drivers(), data.received, data.baud) if named else None
+    if not isinstance(found, Identity):
+        return None
+    why = f"its port is named with the driver {named}: name {found.driver}, or no driver"
+    return Unsupported(found.driver, found.model, why, data.baud)
 
 
 def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:

@@ -132,7 +132,9 @@ def test_a_receiver_that_sends_other_messages_and_does_not_answer_is_named_and_n
 
 def test_nobody_answers():
     assert run(DRIVER.identify(), Mute(38400))[0] is None
-    assert isinstance(run(detect("ubx", 9600), Speaker(9600, gga()))[0], UnrecognisedData)
+    other, _ = run(detect("ubx", 9600), Speaker(9600, gga()))
+    assert isinstance(other, Unsupported) and "with the driver ubx: name nmea, or no driver" in str(other)
+    assert isinstance(run(detect("ubx", 9600), Speaker(9600, b"hello, this is none"))[0], UnrecognisedData)
 
 
 class Busy(Mute):

@@ -25,6 +25,7 @@ LISTENING_ORDER = (38400, 460800, 4800, 57600, 230400, 9600, 115200, 19200, 9216
 ECHOES = 3  # in a row are no answers
 GREETING_S = 5.0  # also for making the connection
 NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
+BITS = 10  # on the wire per byte
 START_S = 0.4  # between rounds on SPI: a device may be starting up
 
 Found = Identity | Unsupported
@@ -43,6 +44,13 @@ class Activity:
         before = self.answers.get(baud, b"")
         if received != sent and len(before) < RECEIVED_MAX:
             self.answers[baud] = before + received
+
+    def recognised(self, candidates: Sequence[AnyDriver]) -> Found | None:
+        """The device that streams so rarely that it was heard only now."""
+        for baud, answers in self.answers.items():
+            if found := _recognised(candidates, answers, baud):
+                return found
+        return None
 
     def unrecognised(self, bauds: Sequence[int]) -> UnrecognisedData | None:
         """The answers as data of no known device; None if there were hardly any."""
@@ -116,13 +124,23 @@ def detect(
             answer = yield from _query({one: speeds[one.name] for one in queried}, late_speeds, activity)
             if isinstance(answer, Echo):
                 return answer
-            found = answer
+            found = answer or activity.recognised(candidates)
         if found is not None:
             yield Exchange(baud=found.baud)
             return (yield from _of_protocols(candidates, found, readonly))
         if data is not None:
-            return data
-    return last or activity.unrecognised(bauds) or Silence(bauds, not readonly)
+            return _of_another_driver(driver, data) or data
+    last = last or activity.unrecognised(bauds)
+    return Silence(bauds, not readonly) if last is None else _of_another_driver(driver, last) or last
+
+
+def _of_another_driver(named: str | None, data: UnrecognisedData) -> Unsupported | None:
+    """The device whose data they are, if the user named the driver of another one."""
+    found = _recognised(drivers(), data.received, data.baud) if named else None
+    if not isinstance(found, Identity):
+        return None
+    why = f"its port is named with the driver {named}: name {found.driver}, or no driver"
+    return Unsupported(found.driver, found.model, why, data.baud)
 
 
 def _from(first: int, bauds: Sequence[int]) -> tuple[int, ...]:
@@ -165,8 +183,14 @@ def _of_protocols(candidates: Sequence[AnyDriver], found: Found, readonly: bool)
         if own and (other is None or native.sends_fixes(received)):
             return own
         if own and other:
-            return own if not readonly and (yield from native.identify()) else other
+            return own if not readonly and (yield from _answers(native, found.baud)) else other
     return found
+
+
+def _answers(driver: AnyDriver, baud: int) -> Dialogue[bool]:
+    """Whether its device answers on a line that carries other data, too."""
+    found = yield from _unless_echoed(driver.identify(), baud, hurry=False, activity=Activity())
+    return isinstance(found, Identity)
 
 
 def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialogue[Found]:
@@ -248,7 +272,8 @@ def _unless_echoed(
     try:
         exchange = next(dialogue)
         while echoes < ECHOES:
-            received = b"" if hurry and exchange.optional else (yield exchange)
+            listen_s = exchange.listen_s + exchange.answer_bytes * BITS / baud
+            received = b"" if hurry and exchange.optional else (yield replace(exchange, listen_s=listen_s))
             activity.add(baud, exchange.send, received)
             if exchange.send and received:
                 echoes = echoes + 1 if received == exchange.send else 0

@@ -19,6 +19,7 @@ class Exchange:
     to listen. enough: stop earlier when this is true of the bytes so far. optional: a caller in a hurry may skip this
     exchange, as if no byte had been received. spi: on an SPI line, set the bus up first, or begin to fetch samples;
     there `send` holds 16-bit words, and their answers are received.
+    answer_bytes: up to the end of the answer; the detection listens longer by the time that they take at its speed.
     """
 
     send: bytes = b""
@@ -28,6 +29,7 @@ class Exchange:
     discard: bool = False
     spi: Bus | Fetch | None = None
     optional: bool = False
+    answer_bytes: int = 0
 
 
 Result = TypeVar("Result")

@@ -61,7 +61,7 @@ class Echo:
     baud: int
 
     def __str__(self) -> str:
-        return "the line echoes: are TX and RX connected with each other, or does the adapter echo?"
+        return "the line echoes: are TX and RX connected with each other, or is a console (login) at its other end?"
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ a device is to be found, so that a start does not wait for that.
 """
 
 import importlib
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +25,17 @@ def _folders() -> frozenset[str]:
 
 @cache
 def plugged_in() -> dict[str, "AnyDriver"]:
-    """The drivers of plug-ins, by name."""
-    return {driver.name: driver for driver in plugins("imud.drivers").values() if driver.name not in _folders()}
+    """The drivers of plug-ins, by name; with a warning of one that is a `NativeProtocol` by half, and so none."""
+    found = {driver.name: driver for driver in plugins("imud.drivers").values() if driver.name not in _folders()}
+    for name, driver in found.items():
+        lacks = [one for one in ("also_speaks", "sends_fixes") if not hasattr(driver, one)]
+        if len(lacks) == 1:
+            warnings.warn(
+                f"the driver {name} of a plug-in lacks {lacks[0]}: its devices are not looked for beside the protocol "
+                "that they also speak, but only if the user names it; add what imud.drivers.driver.NativeProtocol has",
+                stacklevel=2,
+            )
+    return found
 
 
 @cache

@@ -90,7 +90,7 @@ class ProtocolError(Exception):
 
 
 class StaleError(ProtocolError):
-    """The daemon that wrote the shared memory does not run: it crashed, was killed, or is stopped."""
+    """The daemon that wrote the shared memory crashed, was killed, is stopped, or has another clock."""
 
 
 class State(NamedTuple):
@@ -309,7 +309,10 @@ class Shared:
         age_ns = time.monotonic_ns() - heartbeat_ns
         if boot != self._boot_id:
             raise StaleError(f"the daemon (pid {pid}) ran before this machine was started anew")
-        if not -STALE_NS < age_ns < STALE_NS:
+        if age_ns <= -STALE_NS:
+            ahead = f"the clock of the daemon (pid {pid}) is {age_ns * -1e-9:.1f} s ahead of ours"
+            raise StaleError(f"{ahead}: it runs in another time namespace, and its times mean nothing here")
+        if age_ns >= STALE_NS:
             raise StaleError(f"the daemon (pid {pid}) does not run: its last heartbeat is {age_ns * 1e-9:.1f} s old")
 
     def close(self) -> None:

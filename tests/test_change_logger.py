@@ -9,7 +9,7 @@ import pytest
 from crossbow_packets import packet
 from hypothesis import given
 from hypothesis import strategies as st
-from nmea_lines import gga, line
+from nmea_lines import gga, line, rmc
 
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.change_logger import STATUS_LASTS_NS, ChangeLogger, Debouncer
@@ -18,6 +18,10 @@ from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.firmware_sim import ublox
+from imud.firmware_sim.ublox_frames import Report
+from imud.outputs.gpsd_json import Report as GpsdReport
+from imud.outputs.view import View
 from imud.pipeline import Filter, InertialPipeline
 from imud.sensors.inertial import Inertial
 from imud.sensors.receiver import Receiver, jumps
@@ -182,6 +186,43 @@ def test_a_fix_that_came_a_moment_ago_is_not_beyond_the_limit_of_its_age():
         assert receiver.out_of_limits(now_ns) == ()
         assert receiver.view(now_ns).age_s == age_s
     assert receiver.out_of_limits(5 * SECOND) == ("gnss_age_s",)
+
+
+GSV = line("GPGSV,1,1,02,05,45,120,38,12,10,300,")
+NO_FIX = {
+    "GGA": ("nmea", gga(rest="0,00,99.9,,M,,M,,")),
+    "RMC": ("nmea", rmc(status="V")),
+    "NAV-PVT": ("ubx", ublox.ubx.pvt(Report(1.8e9, None))),
+    "TPV": ("gpsd", b'{"class":"TPV","device":"/dev/a","mode":1}\r\n'),
+}
+
+
+def tpv_of(receiver, now_ns):
+    return json.loads(GpsdReport(View(gnss=receiver.view(now_ns))).object("TPV"))
+
+
+@pytest.mark.parametrize(("driver", "message"), NO_FIX.values(), ids=NO_FIX)
+def test_a_receiver_that_says_that_it_has_no_fix_has_mode_1_and_shows_its_satellites(driver, message):
+    receiver = Receiver(by_name(driver), Settings().gnss, 0)
+    assert tpv_of(receiver, 0)["mode"] == 0, "nothing has come yet"
+    receiver.feed(message + GSV * (driver == "nmea"), SECOND)
+    receiver.flush(2 * SECOND)
+    assert tpv_of(receiver, 2 * SECOND) == {"class": "TPV", "mode": 1}
+    sky = json.loads(GpsdReport(View(gnss=receiver.view(2 * SECOND))).object("SKY"))
+    assert driver != "nmea" or [one["PRN"] for one in sky["satellites"]] == [5, 12]
+
+
+def test_satellites_are_shown_while_a_fix_is_lost_and_what_was_of_the_fix_is_not():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    for second in range(30):
+        lost = second >= 10
+        rest = "0,03,,,M,,M,," if lost else "1,08,0.9,545.4,M,46.9,M,,"
+        receiver.feed(gga(f"1200{second:02d}.000", rest=rest) + GSV, second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+    report = receiver.view(29 * SECOND)
+    assert (report.satellites, report.quality, len(report.sky.satellites)) == (3, 0, 2)
+    sky = json.loads(GpsdReport(View(gnss=report)).object("SKY"))
+    assert sky["uSat"] == 3 and "hdop" not in sky and len(sky["satellites"]) == 2
 
 
 def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():

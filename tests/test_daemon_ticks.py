@@ -114,6 +114,15 @@ def test_without_a_thread_left_the_state_is_kept_as_soon_as_there_is_one(monkeyp
     assert saved == [b"state"]
 
 
+def test_a_state_that_the_disk_refuses_is_named_with_its_file_once():
+    store = StateStore()
+    with capture_logs() as lines:
+        for _ in range(2):
+            store._warn(OSError(5, "Input/output error", "/var/lib/imud/biases-1.json"))
+    (line,) = lines
+    assert line["event"].endswith("over a restart: /var/lib/imud/biases-1.json: Input/output error")
+
+
 def test_a_disk_that_stalls_gets_one_checkpoint_at_a_time(monkeypatch):
     stalls, saved = threading.Event(), []
 

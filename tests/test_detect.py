@@ -134,6 +134,21 @@ def test_a_receiver_whose_frames_bring_no_fixes_is_read_by_its_sentences(readonl
     assert named.driver == "ubx"
 
 
+@pytest.mark.parametrize("first_s", [1.5, 3.0, 5.5, 9.0])
+def test_a_receiver_whose_only_burst_comes_while_others_are_asked_is_found(first_s):
+    """As in power-save mode, with a fix every ten seconds."""
+    device = Speaker(9600, BURST, period_s=60.0, first_s=first_s)
+    device.say = device.outgoing.extend  # a pseudo-terminal, which has no speed
+    found, _ = run(detect(), device)
+    assert isinstance(found, Identity) and found.driver == "nmea"
+
+
+def test_a_device_of_another_driver_than_is_named_is_named():
+    found, _ = run(detect("seraccel"), Speaker(9600, BURST))
+    assert (type(found), found.driver, found.baud) == (Unsupported, "nmea", 9600)
+    assert "its port is named with the driver seraccel: name nmea, or no driver" in str(found)
+
+
 def test_a_receiver_that_names_its_maker():
     found, _ = run(detect(baud=4800), Speaker(4800, BOOT + BURST))
     assert found.model == "MediaTek NMEA receiver"

@@ -106,6 +106,22 @@ def test_a_plug_in_that_cannot_be_imported_is_left_out(tmp_path):
     assert said.returncode != 0 and "plug-in broken (no_such_module:DRIVER) is left out" in said.stderr
 
 
+@pytest.mark.parametrize("lacking", ["also_speaks", "sends_fixes"])
+def test_a_driver_that_is_a_native_protocol_by_half_is_named_with_what_it_lacks(lacking, tmp_path):
+    folder = tmp_path / "half-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: half\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text("[imud.drivers]\nhalf = half:DRIVER\n")
+    members = {"also_speaks": '"nmea"', "sends_fixes": "lambda received: False"}
+    for left_out, lacks in (({lacking}, True), (set(), False), (set(members), False)):
+        lines = [f"DRIVER.{name} = {value}" for name, value in members.items() if name not in left_out]
+        code = ["from imud.drivers.nmea.driver import Nmea", "DRIVER = Nmea()", "DRIVER.name = 'half'", *lines]
+        (tmp_path / "half.py").write_text("\n".join(code))
+        said = imud("run", "--port", "/dev/absent:half", "--check", path=tmp_path)
+        assert said.returncode == 0
+        assert (f"the driver half of a plug-in lacks {lacking}: " in said.stderr) == lacks
+
+
 def test_a_list_that_cannot_be_read_ends_nothing(tmp_path):
     (tmp_path / "odd-1.0.dist-info" / "entry_points.txt").mkdir(parents=True)
     said = imud("run", "--port", "/dev/absent", "--check", path=tmp_path)

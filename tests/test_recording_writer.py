@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -334,6 +335,10 @@ def test_paths_that_cannot_become_recordings_are_refused_at_once(tmp_path):
         Recorder(settings(tmp_path))
     with pytest.raises(CannotCreateError, match="no folder"):
         Recorder(settings(tmp_path / "no" / "drive.mcap"))
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/null")):
+        with pytest.raises(CannotCreateError, match=f"{path}: it is a device, a pipe or a socket"):
+            Recorder(settings(path))
 
 
 def test_a_daemon_that_leaves_without_hearing_the_writer_out_still_gets_a_whole_file(tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -267,3 +268,35 @@ def test_clocks_that_differ_by_seconds_are_found_by_the_turns(drive, tmp_path, l
         assert ended.returncode == 0
         assert (b"by the turns in both" in ended.stderr) == (found is not None)
         assert found is None or found in ended.stderr
+
+
+@pytest.mark.parametrize("log", ["gnss.csv", "track.nmea"])
+def test_the_option_that_the_warning_names_corrects_the_clocks(drive, tmp_path, log):
+    """Also if an offset that was given before is wrong; the estimates are then those of one clock."""
+    folder, _ = drive
+    tables = ("--imu", folder / "imu.csv", "--gnss", folder / log)
+    last = []
+    for given in ((), ("--gnss-offset", "-7.5")):
+        ended = replay(*tables, *given, "-o", tmp_path / "est.csv", "--rate", 1)
+        last.append((tmp_path / "est.csv").read_text().splitlines()[-1])
+    named = re.search(rb"wrong; (--gnss-offset) (\S+) corrects that", ended.stderr)
+    option = [text.decode() for text in named.groups()]
+    assert abs(float(option[1])) <= 0.25, "as near as differences are compared"
+    ended = replay(*tables, *option, "-o", tmp_path / "est.csv", "--rate", 1)
+    assert (ended.returncode, b"by the turns in both" in ended.stderr) == (0, False)
+    right, wrong, corrected = (
+        np.array(line.split(",")[1:3], float) for line in (*last, (tmp_path / "est.csv").read_text().splitlines()[-1])
+    )
+    error_m = 1.1e5 * np.abs([corrected - right, wrong - right]).max(axis=1)
+    assert error_m[0] < 5.0
+    assert error_m[1] > 20.0
+
+
+def test_an_offset_of_the_fixes_needs_a_table_of_fixes(tmp_path, capsys):
+    table = tmp_path / "imu.csv"
+    table.write_text("t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2\n0,0,0,0,0,0,-9.8\n0.01,0,0,0,0,0,-9.8\n")
+    assert main(["replay", "--imu", str(table), "--gnss-offset", "18", "-o", str(tmp_path / "out")]) == 64
+    assert "--gnss, which is missing" in capsys.readouterr().err
+    for wrong in ("nan", "inf", "1s"):
+        with pytest.raises(SystemExit, match="64"):
+            main(["replay", "--imu", str(table), "--gnss-offset", wrong, "-o", str(tmp_path / "out")])

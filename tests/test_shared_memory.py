@@ -136,7 +136,7 @@ def test_a_state_that_a_crash_left_behind_is_not_taken_for_new(outputs):
     outputs.tick(time.monotonic_ns())
     assert client.latest(outputs.at / "m").seq == 0
     outputs.tick(time.monotonic_ns() + 10**10)  # of another time namespace
-    with pytest.raises(client.StaleError):
+    with pytest.raises(client.StaleError, match="time namespace"):
         client.latest(outputs.at / "m")
 
 

@@ -132,7 +132,33 @@ def test_a_receiver_that_sends_other_messages_and_does_not_answer_is_named_and_n
 
 def test_nobody_answers():
     assert run(DRIVER.identify(), Mute(38400))[0] is None
-    assert isinstance(run(detect("ubx", 9600), Speaker(9600, gga()))[0], UnrecognisedData)
+    other, _ = run(detect("ubx", 9600), Speaker(9600, gga()))
+    assert isinstance(other, Unsupported) and "with the driver ubx: name nmea, or no driver" in str(other)
+    assert isinstance(run(detect("ubx", 9600), Speaker(9600, b"hello, this is none"))[0], UnrecognisedData)
+
+
+class Busy(Mute):
+    """A receiver whose answer waits in its buffer behind `backlog` bytes of its sentences."""
+
+    def __init__(self, baud, backlog):
+        super().__init__(baud)
+        self.backlog, self.answers_s = backlog, None
+
+    def receive(self, data):
+        if frame((0x0A, 0x04)) in data and self.answers_s is None:
+            self.answers_s = self.now_s + self.backlog * 10 / self.baud
+
+    def pass_time(self, seconds):
+        super().pass_time(seconds)
+        if self.answers_s is not None and self.now_s >= self.answers_s:
+            self.answers_s = None
+            self.say(frame((0x0A, 0x04), b"EXT CORE 3.01".ljust(30, b"\0") + b"00080000".ljust(10, b"\0")))
+
+
+@pytest.mark.parametrize("baud", [9600, 19200, 115200])
+def test_an_answer_is_waited_for_as_long_as_the_line_takes_for_what_is_ahead_of_it(baud):
+    found, _ = run(detect("ubx"), Busy(baud, 900))
+    assert (found.driver, found.baud) == ("ubx", baud)
 
 
 def test_settings_go_to_ram_alone():

@@ -44,7 +44,7 @@ class Ubx:
 
     def identify(self) -> Dialogue[Identity | None]:
         """Ask for the version, at the speed that is set."""
-        found = yield from version(self.bauds[0], 1)
+        found = yield from version(None, 1)
         return Identity(self.name, found.model, firmware=found.firmware) if found else None
 
     def configure(self, identity: Identity, options: Options) -> Dialogue[GnssConfigured | Unsupported | None]:

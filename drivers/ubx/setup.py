@@ -90,8 +90,8 @@ def values(pairs: Sequence[tuple[int, int]]) -> bytes:
     return frame(CFG_VALSET, bytes((0, RAM, 0, 0)) + packed)
 
 
-def version(baud: int, tries: int = TRIES) -> Dialogue[Version | None]:
-    """Ask for MON-VER."""
+def version(baud: int | None, tries: int = TRIES) -> Dialogue[Version | None]:
+    """Ask for MON-VER. baud: None while the detection looks for the speed."""
     payload = yield from _poll(messages.MON_VER, baud, tries)
     return None if payload is None else _version(payload)
 
@@ -195,14 +195,18 @@ def _has(received: bytes, test: Callable[[Frame], bool]) -> bool:
     return any(map(test, frames(received)))
 
 
-def _poll(kind: Kind, baud: int, tries: int) -> Dialogue[bytes | None]:
+def _poll(kind: Kind, baud: int | None, tries: int) -> Dialogue[bytes | None]:
     """Ask for a message; its payload."""
 
     def answers(received: bytes) -> list[bytes]:
         return [one.payload for one in frames(received) if one.kind == kind and one.payload]
 
+    def is_answered(received: bytes) -> bool:
+        return bool(answers(received))
+
+    listen_s, answer_bytes = (_answer_s(baud), 0) if baud else (ANSWER_S, BACKLOG)
     for _ in range(tries):
-        received = yield Exchange(frame(kind), _answer_s(baud), lambda received: bool(answers(received)))
+        received = yield Exchange(frame(kind), listen_s, is_answered, answer_bytes=answer_bytes)
         if found := answers(received):
             return found[-1]
     return None

@@ -111,7 +111,7 @@ def _run(
     chosen = settings_of(settings)
     fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
     fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
-    warn_of_clocks(samples, fixes, warnings.warn)
+    warn_of_clocks(samples, fixes, warnings.warn, "add {:g} s to the times of the fixes".format)
     measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)

@@ -35,6 +35,17 @@ def above_zero(text: str) -> float:
     return value
 
 
+def seconds(text: str) -> float:
+    """A finite time, which may be below 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r}: a number of seconds is needed")
+    return value
+
+
 def at_least_one(text: str) -> int:
     """A count."""
     return _whole(text, 1)

@@ -118,7 +118,8 @@ class StateStore:
 
     def _warn(self, error: Exception) -> None:
         if not self._warned:
-            get_logger().warning(f"a part of the filter's state cannot be kept over a restart: {error}")
+            why = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+            get_logger().warning(f"a part of the filter's state cannot be kept over a restart: {why}")
         self._warned = True
 
 

@@ -30,9 +30,9 @@ def _satellite(satellite: Satellite) -> str:
 
 
 def sky_object(view: View) -> str:
-    """The last fix's dilutions and satellites, as far as the receiver reports them; empty if it is older than 10 s."""
+    """Dilutions and satellites as far as the receiver reports them, with a fix that is not older than 10 s, or none."""
     gnss = view.gnss
-    if gnss is None or gnss.age_s > _FIX_AGE_MAX_S:
+    if gnss is None or (gnss.quality != 0 and gnss.age_s > _FIX_AGE_MAX_S):
         return f"{head('SKY', view)}{time_of(view)}}}"
     sky, used = gnss.sky, NAN if gnss.satellites is None or gnss.satellites < 0 else gnss.satellites
     dops = (NAN if dop is None else dop for dop in (sky.pdop, sky.vdop))

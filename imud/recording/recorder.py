@@ -274,6 +274,8 @@ def _check(path: Path) -> None:
         raise UsageError("recordings need the package mcap: pip install 'imud[record]'")
     if path.is_dir():
         raise CannotCreateError(f"cannot record to {path}: it is a folder; name a file, such as {path / 'drive.mcap'}")
+    if path.exists() and not path.is_file():  # the recording would be /dev/null.0001, in memory
+        raise CannotCreateError(f"cannot record to {path}: it is a device, a pipe or a socket; name a file")
     if not path.absolute().parent.is_dir():
         raise CannotCreateError(f"cannot record to {path}: there is no folder {path.parent}")
     if why := forbids_writing(path.absolute().parent):

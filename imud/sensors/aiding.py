@@ -48,6 +48,7 @@ LINES_MAX = 32  # of a datagram: 32 cost some milliseconds
 _OLDEST_S, _NEWEST_S = -10.0, 1.0  # of an epoch, from the arrival
 _STALE_NS = 3_000_000_000
 _SECOND_NS = 1_000_000_000
+_LARGEST = 1e21  # of any number: Unix time in ns, which is refused as such, is 2e18
 _SHOWN = 60  # characters of a line that cannot be used
 
 
@@ -203,8 +204,10 @@ def _number(name: str, value: Any) -> float:
     """NaN: it is absent. Raises ValueError."""
     if value is None:
         return math.nan
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e18:
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name} is no number")
+    if not abs(value) < _LARGEST:
+        raise ValueError(f"{name} is too large")
     return float(value)
 
 
@@ -214,7 +217,9 @@ def _epoch_ns(t_s: float, now_ns: int, unix_ns: int) -> int:
     fraction, whole = math.modf(t_s)
     since_ns = int(whole) * _SECOND_NS + round(fraction * 1e9) - unix_ns
     if not _OLDEST_S <= since_ns * 1e-9 <= _NEWEST_S:
-        raise _RefusedError("time", f"t is {since_ns * 1e-9:+.1f} s from its arrival: is it this machine's Unix time?")
+        raise _RefusedError(
+            "time", f"t is {since_ns * 1e-9:+.1f} s from its arrival: is it this machine's Unix time, in s?"
+        )
     return now_ns + since_ns
 
 

@@ -215,12 +215,7 @@ class Receiver:
 
     def fresh_fix(self, now_ns: int) -> Records | None:
         """The last fix that was used, as it goes to the filter; None if it is stale, or the receiver has none since."""
-        status = self.decoder.status
-        if (
-            self._row is None
-            or self._last is None
-            or (status.quality == 0 and status.arrival_ns > self._last.arrival_ns)
-        ):
+        if self._row is None or self._last is None or self._has_lost_fix(self._last):
             return None
         return self._row if now_ns - int(self._row["arrival_ns"][0]) <= STALE_FIX_NS else None
 
@@ -234,20 +229,20 @@ class Receiver:
 
     def properties(self, now_ns: int) -> dict[str, object]:
         """What `imud status` shows of it: what became of its sentences and fixes, and what it says of itself."""
-        status, last = self.decoder.status, self.view(now_ns)
+        status, last = self.decoder.status, self._last
         return {
             "out_of_limits": ",".join(self.out_of_limits(now_ns)) or None,
             "used": self.used,
             "refused": {rule.removeprefix("gnss."): count for rule, count in self.refused.items()},
             "sentences": dict(self.decoder.counters),
-            "lat_deg": self._last.lat_deg if self._last else None,
-            "lon_deg": self._last.lon_deg if self._last else None,
+            "lat_deg": last.lat_deg if last else None,
+            "lon_deg": last.lon_deg if last else None,
             "quality": status.quality,
             "satellites": status.satellites,
             "hdop": last.hdop if last else None,
             "jamming": status.jamming,
             "spoofing": status.spoofing,
-            "fix_age_s": last.age_s if last else None,
+            "fix_age_s": _age_s(last, now_ns) if last else None,
         }
 
     def counters(self) -> dict[str, object]:
@@ -335,11 +330,12 @@ class Receiver:
         return self._row is not None and is_precise(self._row[0])
 
     def view(self, now_ns: int) -> ReceiverReport | None:
-        """The last fix, for those who publish it; None before the first."""
-        fix = self._last
+        """The last fix, for those who publish it, or that there is none now; None before the receiver says either."""
+        fix, status = self._last, self.decoder.status
         if fix is None:
-            return None
-        return ReceiverReport(
+            none_yet = ReceiverReport(satellites=status.satellites, quality=status.quality, sky=self.decoder.sky)
+            return none_yet if status.arrival_ns else None
+        report = ReceiverReport(
             satellites=fix.satellites,
             hdop=math.nan if fix.hdop is None else fix.hdop,
             quality=fix.quality,
@@ -350,6 +346,13 @@ class Receiver:
             fix=b"" if self._row is None else self._row.tobytes(),
             reported=self._last_used_fix,
         )
+        if not self._has_lost_fix(fix):
+            return report
+        return report._replace(satellites=status.satellites, hdop=math.nan, quality=0)
+
+    def _has_lost_fix(self, last: Fix) -> bool:
+        """Whether it has said since its last fix that it has none."""
+        return self.decoder.status.quality == 0 and self.decoder.status.arrival_ns > last.arrival_ns
 
 
 def _age_s(fix: Fix, now_ns: int) -> float:

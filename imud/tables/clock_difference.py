@@ -27,13 +27,18 @@ _SCALES = (0.8, 1.25)
 _LEVELLING_S = 2.0  # over which the specific force is averaged for the vertical
 
 
-def warn_of_clocks(samples: Records, fixes: Records, warn: Callable[[str], object]) -> None:
-    """Call `warn` if the fixes (array of FIX) are plainly on another clock than the samples (array of SAMPLE)."""
+def warn_of_clocks(
+    samples: Records, fixes: Records, warn: Callable[[str], object], remedy: Callable[[float], str]
+) -> None:
+    """Call `warn` if the fixes (array of FIX) are plainly on another clock than the samples (array of SAMPLE).
+
+    remedy: what the user is to do about fixes that are so many seconds behind.
+    """
     if (behind_s := clock_difference_s(samples, fixes)) is not None:
         side = "behind" if behind_s > 0.0 else "ahead of"
         warn(
             f"the times of its fixes are about {abs(behind_s):g} s {side} those of the inertial sensor, by the turns "
-            "in both: the estimates are wrong until they agree"
+            f"in both: the estimates are wrong; {remedy(behind_s)}"
         )
 
 

@@ -14,7 +14,7 @@ from .refused import without_refused
 
 def fixes_of_file(
     path: Path,
-    origin: int,
+    origin: float,
     first_ns: int,
     settings: Gnss,
     warn: Callable[[str], object],

@@ -155,7 +155,7 @@ def _down(roll: Floats, pitch: Floats) -> Floats:
     return down
 
 
-def ns_since(t_s: float | Floats, origin: int) -> NDArray[np.int64]:
+def ns_since(t_s: float | Floats, origin: float) -> NDArray[np.int64]:
     """Times since the origin."""
     since_s = np.clip(np.subtract(t_s, origin), -_LONGEST_S, _LONGEST_S)
     return np.rint(since_s * 1e9).astype(np.int64)
@@ -242,7 +242,7 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
     return fix
 
 
-def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> Records:
+def read_fixes(path: Path, origin: float, left_out: SkippedRows | None = None) -> Records:
     """Fixes (array of FIX) in order of arrival; left_out as in `read_imu`.
 
     Raises InputMissingError, BadDataError (with line).
@@ -250,7 +250,7 @@ def read_fixes(path: Path, origin: int, left_out: SkippedRows | None = None) -> 
     return fixes_of(list(_fix_rows(path, left_out)), origin)
 
 
-def fixes_of(rows: Sequence[dict[str, float]], origin: int) -> Records:
+def fixes_of(rows: Sequence[dict[str, float]], origin: float) -> Records:
     """Fixes (array of FIX) in order of arrival, from values by column; a column may be absent, or NaN for unknown."""
     fixes = np.zeros(len(rows), FIX)
     for fix, row in zip(fixes, rows, strict=True):

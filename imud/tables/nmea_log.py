@@ -43,7 +43,7 @@ def read_log(path: Path, settings: Gnss) -> tuple[list[Fix], list[Reading], Mapp
 
 
 def fixes_of_log(
-    path: Path, origin: int, first_ns: int, settings: Gnss, warn: Callable[[str], object] = lambda _: None
+    path: Path, origin: float, first_ns: int, settings: Gnss, warn: Callable[[str], object] = lambda _: None
 ) -> Records:
     """The fixes of an NMEA log, placed by their UTC time of day near the samples that start `first_ns` after `origin`.
 

@@ -30,7 +30,7 @@ _FARTHEST_S = 10.0  # between fixes: what lies between two farther apart has no 
 
 def readings_of_log(
     path: Path,
-    origin: int,
+    origin: float,
     first_ns: int,
     settings: Settings,
     sources: Iterable[AidingSource],

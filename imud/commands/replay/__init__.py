@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ...errors import UsageError
-from ..arguments import above_zero, add_settings, at_least_one
+from ..arguments import above_zero, add_settings, at_least_one, seconds
 from ..files import input_file, refuse_overwriting
 
 
@@ -15,6 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--gnss", type=input_file, metavar="CSV|NMEA", help="fixes: t_s,lat_deg,lon_deg,height_m,… or NMEA"
+    )
+    parser.add_argument(
+        "--gnss-offset", type=seconds, metavar="S", help="added to the times of --gnss, whose clock is another one"
     )
     parser.add_argument(
         "--aiding", action="append", default=[], metavar="SOURCE=CSV", help="other measurements, as heading=hdg.csv"
@@ -48,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
     inputs = [args.imu, args.gnss, args.calibration, args.config, *aiding_files, *args.recordings]
     refuse_overwriting([args.output, args.innovations, args.states], inputs)
     if args.recordings:
-        if args.imu or args.gnss or args.aiding:
-            raise UsageError("replay: --imu, --gnss and --aiding are tables; name these or recordings, not both")
+        if args.imu or args.gnss or args.aiding or args.gnss_offset is not None:
+            raise UsageError("replay: --imu, --gnss (--gnss-offset) and --aiding are tables: these or recordings")
         if table := next((path for path in args.recordings if path.suffix.lower() == ".csv"), None):
             raise UsageError(f"replay: {table} is a table: --imu {table} if it has samples, --gnss if fixes")
         from . import recordings
@@ -59,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("replay: name the recording: FILE.mcap, or --imu imu.csv [--gnss gnss.csv]")
     if args.cluster or args.jobs > 1:
         raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
+    if args.gnss_offset is not None and args.gnss is None:
+        raise UsageError("replay: --gnss-offset is for the fixes of --gnss, which is missing")
     from . import tables
 
     return tables.run(args)

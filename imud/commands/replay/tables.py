@@ -45,10 +45,11 @@ def run(args: argparse.Namespace) -> int:
     left_out = SkippedRows(args.imu), SkippedRows(args.gnss)
     sources = _sources(args.aiding, estimator)
     samples, origin, skipped = read_imu(args.imu, left_out[0])
-    fixes = _read_gnss(args.gnss, origin, samples, settings, left_out[1])
+    gnss_origin = origin - (args.gnss_offset or 0.0)
+    fixes = _read_gnss(args.gnss, gnss_origin, samples, settings, left_out[1])
     rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     tables = (read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources)
-    aiding = in_order_of_arrival((*tables, *_readings(args.gnss, origin, samples, settings, estimator)))
+    aiding = in_order_of_arrival((*tables, *_readings(args.gnss, gnss_origin, samples, settings, estimator)))
     filter_ = Filter(estimator, settings, initial, rate_hz)
     if args.calibration is not None:
         filter_.calibrate(calibration.read(args.calibration))
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         late = f"its fixes arrive {late_ns * 1e-9:.1f} s after their t_s"
         print(f"imud replay: {args.gnss}: {late}: navigation uses none that is more than 2 s late", file=sys.stderr)
     if args.gnss is not None:
-        warn_of_clocks(samples, fixes, _warning_of(args.gnss))
+        warn_of_clocks(samples, fixes, _warning_of(args.gnss), partial(_clock_remedy, args.gnss_offset or 0.0))
     left_out[0].judge(len(samples))
     left_out[1].judge(len(fixes))
     return 0
@@ -111,7 +112,10 @@ def _write_innovations(path: Path, origin: int, innovations: list[Records]) -> N
         raise CannotCreateError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _read_gnss(path: Path | None, origin: int, samples: Records, settings: Settings, left_out: SkippedRows) -> Records:
+def _read_gnss(
+    path: Path | None, origin: float, samples: Records, settings: Settings, left_out: SkippedRows
+) -> Records:
+    """origin: of the samples, by the clock of the fixes."""
     if path is None:
         return np.zeros(0, FIX)
     return fixes_of_file(path, origin, int(samples["t_ns"][0]), settings.gnss, _warning_of(path), left_out)
@@ -120,6 +124,11 @@ def _read_gnss(path: Path | None, origin: int, samples: Records, settings: Setti
 def _warning_of(path: Path) -> Callable[[str], None]:
     """What prints a problem of a file."""
     return lambda problem: print(f"imud replay: {path}: {problem}", file=sys.stderr)
+
+
+def _clock_remedy(offset_s: float, behind_s: float) -> str:
+    """What corrects times of fixes that are `behind_s` behind those of the samples with an offset of `offset_s`."""
+    return f"--gnss-offset {offset_s + behind_s:g} corrects that"
 
 
 def _sources(named: list[str], estimator: Estimator) -> list[tuple[AidingSource, Path]]:
@@ -136,7 +145,7 @@ def _sources(named: list[str], estimator: Estimator) -> list[tuple[AidingSource,
 
 
 def _readings(
-    path: Path | None, origin: int, samples: Records, settings: Settings, estimator: Estimator
+    path: Path | None, origin: float, samples: Records, settings: Settings, estimator: Estimator
 ) -> Iterator[Records]:
     """Measurements in a receiver's log, if that is one of NMEA sentences."""
     if path is not None and estimator.sources and is_nmea(path):
@@ -184,5 +193,6 @@ def _summary(samples: Records, fixes: Records, fed: int, skipped: int, seconds: 
         begin, end = (float(fixes["t_ns"][i] - samples["t_ns"][0]) * 1e-9 for i in (0, -1))
         raise BadDataError(
             f"no fix lies within the time of the samples: these last {span:.0f} s, the fixes are from {begin:+.0f} to "
-            f"{end:+.0f} s after their beginning; are both files on the same clock (NMEA: t_s in UTC)?"
+            f"{end:+.0f} s after their beginning; are both files on the same clock (NMEA: t_s in UTC)? "
+            "--gnss-offset is added to the times of the fixes"
         )

@@ -141,7 +141,7 @@ def test_rest_teaches_nothing_of_the_slope():
     filter_ = filter_of(samples)
     replay(filter_, samples)
     assert filter_.state[0]["stamps"]["taught"] < 1.0
-    assert filter_.state[0]["stamps"]["gain_variance"] > stamps.PRIOR_VARIANCE
+    assert filter_.state[0]["stamps"]["slope_variance"] >= stamps.PRIOR_VARIANCE
 
 
 @pytest.fixture

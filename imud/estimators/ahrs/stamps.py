@@ -53,13 +53,12 @@ def begin_block(s: State) -> None:
 
 @kernel
 def restart_stamps(s: State, period: float) -> None:
-    """Begin anew, with this period; `ahead` stays, so that what has not been integrated yet will be."""
+    """Begin anew, with this period; `ahead` stays, so that what has not been integrated yet will be. So does the slope."""
     stamps = s.stamps
     stamps.last_dt, stamps.period = 0.0, period
     stamps.waiting = stamps.late = stamps.queued = stamps.misfits = stamps.returns = 0
     stamps.unobserved = 0.0
     stamps.count = stamps.squares = 0.0
-    stamps.taught = stamps.offset_offset = stamps.offset_reading = stamps.reading_reading = 0.0
     update_gain(s)
 
 
@@ -99,27 +98,29 @@ def update_gain(s: State) -> None:
 def compare_with_neighbours(p: Parameters, s: State, w: Vector, dt: float) -> None:
     """Rate w came dt after the last: is the reading of the last one where its stamp lies between its neighbours?
 
-    Only a change of the rate beyond the gyro's noise shows it, and at rest there is none.
+    Only a change of the rate beyond the gyro's noise shows it, and at rest there is none. A sudden one is no better
+    evidence than a small one, so that all count over their squares.
     """
     stamps = s.stamps
     before = stamps.last_dt
     half = 0.5 * (before - dt) / (before + dt)  # how much nearer to this one the stamp is, over the way
-    way2 = offset_offset = offset_reading = reading_reading = 0.0
+    way2 = change2 = offset_offset = offset_reading = reading_reading = 0.0
     for i in range(3):
         first, second = stamps.rate_change[i], w[i] - s.imu.w[i]
         by_stamp, by_reading = half * (first + second), 0.5 * (first - second)
         way2 += (first + second) ** 2
+        change2 += first * first + second * second
         offset_offset += by_stamp * by_stamp
         offset_reading += by_stamp * by_reading
         reading_reading += by_reading * by_reading
     noise2 = NOISE_SIGMAS**2 * 2.0 * p.gyro_psd / stamps.period
     if way2 > noise2 and s.stationarity.stationary == 0:
         share = 1.0 - noise2 / way2
-        kept = max(1.0 - share * dt / p.tuning.stamp_time_s, 0.0)
+        kept, each = max(1.0 - share * dt / p.tuning.stamp_time_s, 0.0), share / change2
         stamps.taught = kept * stamps.taught + share
-        stamps.offset_offset = kept * stamps.offset_offset + share * offset_offset
-        stamps.offset_reading = kept * stamps.offset_reading + share * offset_reading
-        stamps.reading_reading = kept * stamps.reading_reading + share * reading_reading
+        stamps.offset_offset = kept * stamps.offset_offset + each * offset_offset
+        stamps.offset_reading = kept * stamps.offset_reading + each * offset_reading
+        stamps.reading_reading = kept * stamps.reading_reading + each * reading_reading
 
 
 @kernel
@@ -277,12 +278,15 @@ def time_lost(p: Parameters, s: State, dt: float) -> float:
 def stamp_variance(s: State) -> float:
     """Of what is left of the errors of the stamps in the periods, s^2.
 
-    With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them.
+    With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them. In a queue that is
+    what the stamps differ by, with the probability that they are right: at first that of a sensor which samples at times
+    so many times as fast as it does in the mean, its inverse.
     """
     stamps = s.stamps
     scatter2, gain = stamps.scatter**2, stamps.gain
     if stamps.waiting == 1:
-        return (stamps.slope_variance + stamps.slope**2) * max(scatter2, stamps.ahead**2)
+        rarely = 2.0 * stamps.last_dt / stamps.period if stamps.late == 0 else 0.0  # if it was late no time is missing
+        return rarely * (stamps.slope_variance + stamps.slope**2) * max(scatter2, stamps.ahead**2)
     return (gain * (2.0 - gain) + stamps.slope_variance + (stamps.slope - gain) ** 2) * scatter2
 
 

@@ -113,12 +113,12 @@ STAMPS = np.dtype(
         ("count", "<f8"),  # of the samples in the sum of squares, which fades
         ("squares", "<f8"),  # s^2, of the stamps about those of even samples
         ("taught", "<f8"),  # of the samples in the next three sums, which fade
-        ("offset_offset", "<f8"),  # (rad/s)^2, of a reading from its neighbours' mean by its stamp, squared
+        ("offset_offset", "<f8"),  # of a reading from its neighbours' mean by its stamp, squared, over their squared changes
         ("offset_reading", "<f8"),  # the same times that of the reading
         ("reading_reading", "<f8"),  # that of the reading, squared
         ("scatter", "<f8"),  # s, of the stamps about those of even samples
         ("gain", "<f8"),  # with which the line follows the stamps
-        ("slope", "<f8"),  # of the readings' offsets over those of the stamps: 1 where stamps are right, 0: samples are even
+        ("slope", "<f8"),  # of readings' offsets over those of stamps: 1 where these are right, 0: samples are even
         ("slope_variance", "<f8"),
     ],
     align=True,

@@ -172,7 +172,7 @@ def periods_since_last(s: State, dt: float) -> float:
     stamps.queued = int(min(periods, 1e6)) + (stamps.queued if stamps.waiting == 0 else 0)
     if stamps.returns == 1 and least_slope(s) < MAX_SLOPE_OF_QUEUES:
         lost = lost_in_queue(s)
-        if lost + 1.0 < periods:
+        if lost + 1.0 < periods and not (stamps.waiting == 1 and stamps.late == 1):
             if lost > 0.0 or (stamps.waiting == 1 and stamps.ahead > gate_of(s)):
                 count_misfit(s)
             stamps.waiting = 1
@@ -242,7 +242,7 @@ def even_period(p: Parameters, s: State, w: Vector, has_rate: bool, dt: float) -
         period = periods * stamps.period - stamps.gain * early
     period = max(period, min(LEAST_PERIOD * stamps.period, dt))
     stamps.ahead += period - dt
-    on_line = ends_queue or (periods == 1.0 and stamps.waiting == 0)
+    on_line = ends_queue or (periods == 1.0 and waited == 0 and stamps.waiting == 0)
     on_line = on_line and abs(early) < gate_of(s)
     stamps.late = 1 if is_late else 0
     stamps.unobserved += 1.0

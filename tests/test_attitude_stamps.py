@@ -120,11 +120,11 @@ def in_packets(seed, size):
     return truth, samples
 
 
-@pytest.mark.parametrize(("size", "most_deg"), [(2, 0.4), (3, 0.4), (10, 0.5), (30, 1.0)])
-def test_samples_that_come_in_packets(size, most_deg):
-    """Evenly stamped it is 0.26 deg; each as stamped 0.27, 1.2, 3.6 and 46."""
+@pytest.mark.parametrize("size", [2, 3, 10, 30])
+def test_samples_that_come_in_packets(size):
+    """With even stamps it is 0.35 deg. With each packet taken for a gap it was 0.35, 1.2, 4.2 and 13."""
     runs = [in_packets(seed, size) for seed in range(1, 5)]
-    assert np.mean([rms_tilt(samples, truth.attitude) for truth, samples in runs]) < most_deg
+    assert np.mean([rms_tilt(samples, truth.attitude) for truth, samples in runs]) < 0.45
     for _, samples in runs:
         filter_ = filter_of(samples)
         replay(filter_, samples)
@@ -134,6 +134,7 @@ def test_samples_that_come_in_packets(size, most_deg):
 
 @pytest.mark.parametrize("every", [1.6, 3.2, 10.3])
 def test_samples_that_are_polled(every):
+    """Every so many periods. With each poll taken for a gap it was 0.4, 1.3 and 4.5 deg."""
     tilts = []
     for seed in range(1, 5):
         truth, samples = brisk(seed, 200.0)
@@ -143,7 +144,7 @@ def test_samples_that_are_polled(every):
 
 
 def test_samples_that_packets_lack():
-    """One in a hundred is lost."""
+    """One in a hundred is lost. With each packet taken for a gap it was 4.2 deg."""
     tilts = []
     for seed in range(1, 5):
         truth, samples = in_packets(seed, 10)

@@ -7,7 +7,9 @@ It is learned while the body turns, and where it does not turn it does not matte
 
 The period to integrate over is that of a line through the stamps, followed with the slope as gain: with 1 it is what
 the stamps say. A sample that is further from the line than stamps scatter comes after lost ones, or it is late, and the
-next ones come at once. Which of the two it is shows the next sample; until then it is what it was the last time.
+next ones come at once, from a queue. Which of the two it is shows the next sample; until then it is what it was the
+last time. Samples of a queue are even, whatever their stamps. The line is compared with the newest of them, which is
+known once the next queue begins; how far that is behind it shows how many are lost. Packets are queues without end.
 """
 
 from __future__ import annotations
@@ -53,7 +55,10 @@ def begin_block(s: State) -> None:
 
 @kernel
 def restart_stamps(s: State, period: float) -> None:
-    """Begin anew, with this period; `ahead` stays, so that what has not been integrated yet will be. So does the slope."""
+    """Begin anew, with this period; `ahead` stays, so that what has not been integrated yet will be.
+
+    The slope stays, too.
+    """
     stamps = s.stamps
     stamps.last_dt, stamps.period = 0.0, period
     stamps.waiting = stamps.late = stamps.queued = stamps.misfits = stamps.returns = 0
@@ -278,9 +283,9 @@ def time_lost(p: Parameters, s: State, dt: float) -> float:
 def stamp_variance(s: State) -> float:
     """Of what is left of the errors of the stamps in the periods, s^2.
 
-    With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them. In a queue that is
-    what the stamps differ by, with the probability that they are right: at first that of a sensor which samples at times
-    so many times as fast as it does in the mean, its inverse.
+    With a gain of 1 that is all of their scatter: uneven samples say less of the rates between them. In a queue it is
+    all of the distance, with the probability that stamps are right: the faster the sensor would then be for a while,
+    over its mean rate, the less likely they are.
     """
     stamps = s.stamps
     scatter2, gain = stamps.scatter**2, stamps.gain

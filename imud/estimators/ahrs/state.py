@@ -113,7 +113,7 @@ STAMPS = np.dtype(
         ("count", "<f8"),  # of the samples in the sum of squares, which fades
         ("squares", "<f8"),  # s^2, of the stamps about those of even samples
         ("taught", "<f8"),  # of the samples in the next three sums, which fade
-        ("offset_offset", "<f8"),  # of a reading from its neighbours' mean by its stamp, squared, over their squared changes
+        ("offset_offset", "<f8"),  # of a reading from its neighbours' mean by its stamp, over the changes; squared
         ("offset_reading", "<f8"),  # the same times that of the reading
         ("reading_reading", "<f8"),  # that of the reading, squared
         ("scatter", "<f8"),  # s, of the stamps about those of even samples

@@ -376,7 +376,7 @@ def circling(begin):
 
 @pytest.mark.parametrize(("rest_s", "tilts"), [(1.0, 0.3), (0.0, 0.0)])
 def test_a_simulated_circle_without_noise_is_not_frozen(rest_s, tilts):
-    """All axes repeat, and the force is across the rate; they did at rest before, or some ever since on level ground."""
+    """All axes repeat, and the force is across the rate; they did so at rest before, or some on level ground."""
     turn, across = circling(20.0)
     shake, tilt = after(rest_s, wobble(1, 1.0)), after(rest_s, wobble(2, tilts))
 

@@ -12,11 +12,25 @@ from .math.arrays import Records
 from .pipeline import Filter, innovation_buffer
 
 BLOCK = 4096  # samples: each costs some 20 us of Python
+RATE_SAMPLES = 1000  # whose mean period is compared with the median one
+MEDIAN_RATIO = 0.6, 1.2  # of the median period over that mean; else samples come in packets
 NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
 
 
 def ignore(_: int) -> None:
     pass
+
+
+def rate_hz_of(samples: Records) -> float:
+    """The nominal rate: that of the median period, or of the mean one where samples come in packets, several at once.
+
+    samples: array of SAMPLE, two at least.
+    """
+    t_ns = samples["t_ns"]
+    span = min(RATE_SAMPLES, len(t_ns) - 1)
+    median, mean = np.median(np.diff(t_ns)), np.median(t_ns[span:] - t_ns[:-span]) / span
+    least, most = MEDIAN_RATIO
+    return 1e9 / float(median if least < median / mean < most else mean)
 
 
 def in_order_of_arrival(parts: Iterable[Records]) -> Records:

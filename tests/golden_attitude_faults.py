@@ -52,6 +52,29 @@ def stamps_that_scatter():
 
 
 @golden("attitude")
+def sample_rate_that_changes():
+    """A quarter more from the middle on."""
+    samples = shown(lively(30.0, still=5.0, turning=1.5))
+    i = np.arange(len(samples))
+    even = np.where(i < 1500, i, 1500 + 0.8 * (i - 1500))
+    samples["t_ns"] = samples["t_ns"][0] + np.round(1e7 * even).astype(np.int64)
+    return judged(samples)
+
+
+@golden("attitude")
+def samples_in_packets():
+    """Ten come at once; one of a hundred is lost, later one of ten, and then the rate is a fifth higher and lower."""
+    samples = shown(lively(60.0, still=5.0, turning=1.5))
+    i = np.arange(len(samples))
+    even = np.where(i < 3600, i, 3600 + 0.8 * (i - 3600))
+    even = np.where(i < 4800, even, even[4800] + 1.2 * (i - 4800))
+    newest = np.minimum(i // 10 * 10 + 9, len(i) - 1)
+    samples["t_ns"] = samples["t_ns"][0] + np.round(1e7 * even[newest]).astype(np.int64) + 2000 * (i - newest)
+    lost = np.random.RandomState(5).uniform(size=len(samples)) < np.where((i > 2400) & (i < 3600), 0.1, 0.01)
+    return judged(samples[~lost])
+
+
+@golden("attitude")
 def power_on():
     """Of another sensor, with other biases, at rest and in motion."""
     truth = lively(60.0)

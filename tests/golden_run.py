@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from simulated import G350, rpy, unknown_fixes
 
+from imud.batch import rate_hz_of
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.innovation_kinds import KINDS
@@ -53,9 +54,8 @@ def run(recording, disturb=lambda samples: samples):
     """
     samples = disturb(recording.samples.copy())
     fixes = recording.fixes[np.argsort(recording.fixes["arrival_ns"], kind="stable")]
-    rate_hz = 1e9 / np.median(np.diff(samples["t_ns"]))
     estimator = registry.by_name(recording.estimator)
-    filter_ = Filter(estimator, recording.settings, recording.initial, rate_hz)
+    filter_ = Filter(estimator, recording.settings, recording.initial, rate_hz_of(samples))
     out = np.zeros(len(samples), SOLUTION)
     places = np.searchsorted(samples["t_ns"], fixes["arrival_ns"]).astype(np.int64)
     measurements = recording.measurements[np.argsort(recording.measurements["arrival_ns"], kind="stable")]

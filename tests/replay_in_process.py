@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imud.batch import NO_MEASUREMENT, play
+from imud.batch import NO_MEASUREMENT, play, rate_hz_of
 from imud.configuration.settings import Initial, Settings
 from imud.estimators import registry
 from imud.estimators.ins.state import STATES
@@ -28,9 +28,7 @@ NO_FIXES = np.zeros(0, FIX)
 
 def new_filter(estimator: str, samples: Records, settings: Settings | None = None, initial: Initial | None = None):
     """The filter that `imud replay` makes for these samples."""
-    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    estimator_ = registry.by_name(estimator)
-    return Filter(estimator_, settings or Settings(), initial or Initial(), rate_hz)
+    return Filter(registry.by_name(estimator), settings or Settings(), initial or Initial(), rate_hz_of(samples))
 
 
 def replay(

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from attitude_simulation import after, simulate, steady, wobble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from in_c import in_c
@@ -341,6 +342,57 @@ def test_accelerometers_that_freeze_at_rest_do_not_make_coarse_gyros_frozen():
     samples = noisy(20.0, np.random.default_rng(1), gyro_lsbs=0.0)
     samples["f"][at(10.0) : at(11.0)] = samples["f"][at(10.0)]
     assert is_frozen(judged(samples)) == (False, True)
+
+
+def simulated(truth):
+    """A sensor without noise."""
+    samples = np.zeros(len(truth.t), SAMPLE)
+    samples["t_ns"] = 10**12 + np.rint(truth.t * 1e9).astype(np.int64)
+    samples["w"], samples["f"], samples["temperature"] = truth.w, truth.f, 25.0
+    return samples
+
+
+@pytest.mark.parametrize("rate", [20, 57])
+def test_a_sample_that_is_repeated_in_motion_is_frozen_where_the_noise_is_not_known(rate):
+    """The rates, 3 rad/s, would have turned the force."""
+    samples = simulated(simulate(20.0, rate, wobble(1, 3.0), wobble(2, 2.0)))
+    assert is_frozen(judged(samples.copy(), rate=rate)) == (False, False)
+    health = judged(held(samples, 7 * rate, rate), rate=rate)
+    assert is_frozen(health) == (True, True)
+    assert health["found_count"][0][:6].min() >= rate - 1 - max(4, round(0.1 * rate))
+
+
+def circling(begin):
+    """5 m/s^2 across at 0.5 rad/s, from then on."""
+    return (
+        steady((0.0, 0.0, 0.5), begin, 99.0),
+        lambda t: (
+            5.0
+            * np.column_stack([-np.sin(0.5 * (t - begin)), np.cos(0.5 * (t - begin)), 0.0 * t])
+            * (t > begin)[:, None]
+        ),
+    )
+
+
+@pytest.mark.parametrize(("rest_s", "tilts"), [(1.0, 0.3), (0.0, 0.0)])
+def test_a_simulated_circle_without_noise_is_not_frozen(rest_s, tilts):
+    """All axes repeat, and the force is across the rate; they did so at rest before, or some on level ground."""
+    turn, across = circling(20.0)
+    shake, tilt = after(rest_s, wobble(1, 1.0)), after(rest_s, wobble(2, tilts))
+
+    def until_then(t):
+        return (t <= 20.0)[:, None]
+
+    samples = simulated(
+        simulate(
+            40.0,
+            100,
+            lambda t: (tilt(t) + [0.0, 0.0, 0.3] * shake(t)) * until_then(t) + turn(t),
+            lambda t: shake(t) * [1.0, 1.0, tilts] * until_then(t) + across(t),
+        )
+    )
+    held(samples, 2001, 1999)
+    assert is_frozen(judged(samples, rate=100)) == (False, False)
 
 
 @pytest.mark.parametrize("times", [2, 4, 20])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..batch import in_order_of_arrival, play
+from ..batch import in_order_of_arrival, play, rate_hz_of
 from ..estimators import Estimator
 from ..estimators.records import FIX, INNOVATION
 from ..math.arrays import Records
@@ -113,8 +113,7 @@ def _run(
     fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
     warn_of_clocks(samples, fixes, warnings.warn, "add {:g} s to the times of the fixes".format)
     measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
-    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
-    filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz)
+    filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz_of(samples))
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]
 

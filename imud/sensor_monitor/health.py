@@ -12,7 +12,10 @@ samples: a hold is too long only if it is HOLD_FACTOR times the longest one seen
 
 A sample that is repeated shows in all axes together: n axes of known noise need 1/n of the samples of one. What axes
 repeat because their noise is small shows nothing; but if one of a sensor's has changed until the repetition began, all
-three count as frozen with it. Samples that are read several times before a new one comes are usual after a while.
+three count as frozen with it. In what moves from the start on the noise may not become known. There a repeated sample
+shows by its rates: they would have turned the force, and no acceleration turns with a body so exactly. Only a simulated
+one may; so this holds where no axis has been seen to hold its value. Samples that are read several times before a new
+one comes are usual after a while.
 
 The noise of an axis that has never changed cannot be learned, but that of its neighbours can, after two blocks: the
 gyros of a device have about the same noise and resolution, and so have its accelerometers. Such an axis is frozen if it
@@ -71,6 +74,7 @@ LONG_HOLD = 8  # equal samples from which an axis is checked; noise is not measu
 MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; white noise has three times as many
 MIN_NOISE_STEPS = 2.0  # mean second difference, in resolutions, from which 20 equal samples in a row are impossible
 NEIGHBOUR_NOISE_STEPS = 4.0  # the same of a neighbour; an axis of a third of its noise would change in a second, too
+MIN_TURN_SAMPLES, MAX_TURN = 64, 0.1  # rad, by which repeated rates may have turned a force that repeats; samples
 ZERO_SAMPLES = 3  # samples in a row whose specific force is exactly 0
 IMPOSSIBLE_RATIO = 2.0  # a reading beyond so many times the range is impossible
 RANGE_SHARE = 0.999  # a reading from this share of the range on is at its end: scale factors are rounded
@@ -116,6 +120,7 @@ HEALTH = np.dtype(
         ("whole_start_ns", "<i8"),  # time of the first of them
         ("whole_repeat_count", "<i8"),  # samples that were equal to the one before
         ("min_whole_repeats", "<i8"),
+        ("has_held", "<i8"),  # 1: an axis has repeated its value from LONG_HOLD on, and was not found frozen
         ("longest_hold", "<i8", (6,)),  # longest normal hold seen
         ("zero_count", "<i8"),  # samples in a row with a specific force of exactly 0
         ("bad_temperature_count", "<i8"),  # samples in a row with an impossible temperature
@@ -217,6 +222,7 @@ def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     """Whether axis i has held its value for too long."""
     most = max(h.min_repeats, HOLD_FACTOR * h.longest_hold[i])
     if h.repeats[i] < LONG_HOLD:
+        h.has_held |= 1 if LONG_HOLD <= h.hold[i] < MAX_INT else 0
         if h.hold[i] < most:
             h.longest_hold[i] = max(h.longest_hold[i], h.hold[i])
         h.hold[i] = 0
@@ -238,7 +244,20 @@ def is_fine(h: Health, i: int) -> bool:
 
 
 @kernel
-def axes_of_repeated_sample(h: Health) -> int:
+def is_impossible_turn(h: Health, t_ns: int) -> bool:
+    """Whether the rates that are repeated would have turned the force that is, in a sensor whose axes do not repeat."""
+    v, elapsed_s, force2 = h.value, (t_ns - h.whole_start_ns) * 1e-9, 0.0
+    for i in range(6):
+        if h.has_held == 1 or h.repeats[i] >= h.whole_repeats + LONG_HOLD:
+            return False
+    for i in range(3, 6):
+        force2 += v[i] * v[i]
+    x, y, z = v[1] * v[5] - v[2] * v[4], v[2] * v[3] - v[0] * v[5], v[0] * v[4] - v[1] * v[3]
+    return bool(h.samples >= MIN_TURN_SAMPLES and (x * x + y * y + z * z) * elapsed_s**2 > MAX_TURN**2 * force2)
+
+
+@kernel
+def axes_of_repeated_sample(h: Health, t_ns: int) -> int:
     """The axes, as bits, of a sample that is repeated for too long: what n axes show together needs 1/n of the time.
 
     Those count with it that alone may well repeat a value: all of a sensor of which one has changed until then.
@@ -248,7 +267,7 @@ def axes_of_repeated_sample(h: Health) -> int:
         fine += 1 if is_fine(h, i) else 0
     usual = h.samples / max(h.samples - h.whole_repeat_count, 1)  # equal samples for each reading
     least = max(float(h.min_whole_repeats), HOLD_FACTOR * (usual - 1.0))
-    if fine * h.whole_repeats < MIN_REPEATS or h.whole_repeats < least:
+    if h.whole_repeats < least or (fine * h.whole_repeats < MIN_REPEATS and not is_impossible_turn(h, t_ns)):
         return 0
     axes = 0
     for i in range(6):
@@ -371,7 +390,7 @@ def check_sample(h: Health, sample: Any) -> None:
     if update_statistics(h, sample) or h.samples == 0:
         for i in range(6):
             findings |= check_axis(h, i, sample.t_ns)
-        findings |= axes_of_repeated_sample(h) << FROZEN
+        findings |= axes_of_repeated_sample(h, sample.t_ns) << FROZEN
         findings |= 1 << REPEATED if is_repeated(h) else 0
     findings |= check_force(h, sample.t_ns)
     if sample.t_ns > h.last_ns or h.samples == 0:

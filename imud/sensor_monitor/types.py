@@ -93,6 +93,7 @@ class Health:
     whole_start_ns: int
     whole_repeat_count: int
     min_whole_repeats: int
+    has_held: int
     longest_hold: Integers
     zero_count: int
     bad_temperature_count: int

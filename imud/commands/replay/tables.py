@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...batch import in_order_of_arrival, play
+from ...batch import in_order_of_arrival, play, rate_hz_of
 from ...configuration.settings import Settings
 from ...errors import BadDataError, CannotCreateError, UsageError
 from ...estimators import Estimator, registry
@@ -47,10 +47,9 @@ def run(args: argparse.Namespace) -> int:
     samples, origin, skipped = read_imu(args.imu, left_out[0])
     gnss_origin = origin - (args.gnss_offset or 0.0)
     fixes = _read_gnss(args.gnss, gnss_origin, samples, settings, left_out[1])
-    rate_hz = 1e9 / float(np.median(np.diff(samples["t_ns"])))
     tables = (read_aiding(source, path, origin, SkippedRows(path)) for source, path in sources)
     aiding = in_order_of_arrival((*tables, *_readings(args.gnss, gnss_origin, samples, settings, estimator)))
-    filter_ = Filter(estimator, settings, initial, rate_hz)
+    filter_ = Filter(estimator, settings, initial, rate_hz_of(samples))
     if args.calibration is not None:
         filter_.calibrate(calibration.read(args.calibration))
     begin = time.perf_counter()

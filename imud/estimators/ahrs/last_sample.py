@@ -17,7 +17,7 @@ def store_sample(s: State, w: Vector, f: Vector) -> None:
     for i in range(3):
         s.imu.w[i] = w[i]
         s.imu.f[i] = f[i]
-        if s.stamps.waiting == 0:
+        if s.stamps.waiting == 0 or s.stamps.late == 0:
             s.imu.gap_w[i] = w[i]
             s.imu.gap_f[i] = f[i]
 

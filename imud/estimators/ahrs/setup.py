@@ -80,7 +80,7 @@ def start(parameters: Records, initial: Initial) -> Records:
     s["variance_factor"]["tilt_scale"] = 1.0
     s["stamps"]["period"] = parameters["period_s"]
     s["stamps"]["gain"] = 1.0
-    s["stamps"]["gain_variance"] = PRIOR_VARIANCE
+    s["stamps"]["slope"], s["stamps"]["slope_variance"] = 0.5, PRIOR_VARIANCE
     s["cov"]["sigma_tilt"] = s["cov"]["sigma_rpy"] = UNKNOWN_ANGLE
     s["cov"]["P"][0] = _covariance(parameters, known)[np.triu_indices(STATES)]
     return s

@@ -101,8 +101,10 @@ STAMPS = np.dtype(
         ("period", "<f8"),  # s, of even samples
         ("ahead", "<f8"),  # s, by how much the newest sample is later than its stamp
         ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
+        ("late", "<i8"),  # 1: the newest sample came late, or after lost ones
         ("returns", "<i8"),  # 1: the last sample that was taken for one after lost ones was late
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
+        ("unobserved", "<f8"),  # samples since one was on the line
         ("queued", "<i8"),  # so many samples that were taken for lost may yet come at once
         ("block_samples", "<i8"),  # whose mean period is taken
         ("block_s", "<f8"),  # the time that they took
@@ -111,12 +113,13 @@ STAMPS = np.dtype(
         ("count", "<f8"),  # of the samples in the sum of squares, which fades
         ("squares", "<f8"),  # s^2, of the stamps about those of even samples
         ("taught", "<f8"),  # of the samples in the next three sums, which fade
-        ("offset_offset", "<f8"),  # (rad/s)^2, of a reading from its neighbours' mean by its stamp, squared
+        ("offset_offset", "<f8"),  # of a reading from its neighbours' mean by its stamp, over the changes; squared
         ("offset_reading", "<f8"),  # the same times that of the reading
         ("reading_reading", "<f8"),  # that of the reading, squared
         ("scatter", "<f8"),  # s, of the stamps about those of even samples
         ("gain", "<f8"),  # with which the line follows the stamps
-        ("gain_variance", "<f8"),  # of the slope of the readings' offsets over those of the stamps, about the gain
+        ("slope", "<f8"),  # of readings' offsets over those of stamps: 1 where these are right, 0: samples are even
+        ("slope_variance", "<f8"),
     ],
     align=True,
 )

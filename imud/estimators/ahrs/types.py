@@ -190,8 +190,10 @@ class Stamps:
     period: float
     ahead: float
     waiting: int
+    late: int
     returns: int
     misfits: int
+    unobserved: float
     queued: int
     block_samples: int
     block_s: float
@@ -205,7 +207,8 @@ class Stamps:
     reading_reading: float
     scatter: float
     gain: float
-    gain_variance: float
+    slope: float
+    slope_variance: float
 
 
 class Integrals:

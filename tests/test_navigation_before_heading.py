@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accuracy_simulated import figures
 from in_c import in_c
 from navigation_runner import fixes_of, navigate, samples_of
 from navigation_simulation import Later, curvature, drive, errors, received, sensed
@@ -254,3 +255,9 @@ def test_a_tilt_that_a_slip_makes_wrong_before_the_heading_is_stated(angle_deg):
     tilt = np.degrees(np.arccos(np.clip(np.sum(estimated * right, axis=1), -1.0, 1.0)))
     assert (tilt < 4.0 * np.degrees(out["sigma_rpy"][since, :2]).max(axis=1)).all()
     assert tilt[at(4.0) :].max() < 10.0
+
+
+@pytest.mark.parametrize("seed", [2902, 2903])
+def test_a_departure_without_a_jerk_is_no_rest(seed):
+    """A tram whose force grows by less from window to window than at rest, but by more since the rest began."""
+    assert figures("tram", "5 Hz", 0.0, seed)["tilt s"] == 0.0  # 5 and 9 s, 11 deg off

@@ -1,5 +1,7 @@
 """A receiver that repeats itself under new stamps while the vehicle moves: no fix, until its digits change."""
 
+import math
+
 import numpy as np
 import pytest
 from accuracy_simulated import figures
@@ -70,12 +72,14 @@ def test_a_position_that_is_held_at_rest_is_used_and_released_when_it_changes():
     assert errors_in_sigmas(d, out, 90.0, 150.0)[0].max() < 4.0
 
 
-def stopping(seconds, stop_s):
-    """The car of `drive` that brakes and stands from `stop_s` on; an engine shakes it."""
+def stopping(seconds, stop_s, go_s=math.inf):
+    """The car of `drive` that brakes, stands from `stop_s` to `go_s`, and drives on."""
     d = drive(seconds)
-    speed = np.hypot(*d.v[:, :2].T) * np.clip((stop_s - d.t) / 5.0, 0.0, 1.0)
+    under_way = np.where(d.t < go_s, np.clip((stop_s - d.t) / 5.0, 0.0, 1.0), np.clip((d.t - go_s) / 5.0, 0.0, 1.0))
+    speed = np.hypot(*d.v[:, :2].T) * under_way
     yaw = np.unwrap(np.arctan2(d.v[:, 1], d.v[:, 0]))
-    yaw = np.where(d.t < stop_s, yaw, yaw[int(stop_s * RATE)])
+    driven = np.where(under_way > 0.0, np.gradient(yaw), 0.0)
+    yaw = yaw[0] + np.cumsum(driven)
     v = np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw), 0.0 * yaw])
     return moved(d.t, v, Rotation.from_euler("Z", yaw[:, None]))
 
@@ -99,6 +103,36 @@ def test_an_estimate_that_is_set_to_a_fix_has_not_moved(seed):
     t = fixes["t_ns"] * 1e-9 - 100.0
     out = navigate(samples, fixes[(t < 75.0) | (t > 98.0)], settings_of("free"))[0]
     assert errors_in_sigmas(d, out, 120.0, 180.0)[0].max() < 10.0  # 4000 m, if it is taken for frozen
+
+
+@pytest.mark.parametrize("speed", [5.0, 15.0])
+def test_a_receiver_whose_last_position_was_an_outlier_is_frozen_all_the_same(speed):
+    d = drive(180.0, speed=speed)
+    rng = np.random.default_rng(5)
+    samples, fixes = sensed(d, rng, accel_psd=0.02), received(d, rng, late=0.2, sigma=0.5, white=0.05)
+    frozen(fixes, ("lat", "lon", "height"))
+    fixes["speed"] = fixes["course"] = np.nan
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    fixes["lat"][(t >= BEGIN_S) & (t < END_S)] += 40.0 / 6.37e6
+    away, sigmas = errors_in_sigmas(d, navigate(samples, fixes, settings_of("auto"))[0], BEGIN_S, 178.0)
+    assert away.max() < 15.0  # 600 m, if it is followed
+    assert sigmas.max() < 4.0
+
+
+@pytest.mark.parametrize("rest_s", [30.0, 120.0])
+def test_a_receiver_that_freezes_at_rest_is_frozen_once_the_vehicle_moves_on(rest_s):
+    """However long it stood: the time in which nothing has changed counts from the end of the rest."""
+    go_s = 95.0 + rest_s
+    d = stopping(go_s + 80.0, 95.0, go_s)
+    rng = np.random.default_rng(3)
+    samples, fixes = sensed(d, rng), received(d, rng, late=0.2, sigma=0.5, white=0.05)
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    held = np.flatnonzero((t >= 95.2) & (t < go_s + 40.0))
+    for name in ("lat", "lon", "height", "speed", "course"):
+        fixes[name][held] = fixes[name][held[0]]
+    away, sigmas = errors_in_sigmas(d, navigate(samples, fixes, settings_of("auto"))[0], go_s, go_s + 78.0)
+    assert away.max() < 10.0  # 200 m, if it is followed
+    assert sigmas.max() < 4.0
 
 
 def test_positions_that_a_receiver_repeats_now_and_then_say_nothing_new():

@@ -132,3 +132,17 @@ def test_a_first_position_that_is_off_leaves_no_velocity_behind(north, east, eve
     settled = slice(int(100 * (1.0 + 5.0 * every)), None)
     assert np.hypot(*p[settled].T).max() < (4.0 if every < 1.0 else 12.0)
     assert out["sigma_p"][settled, :2].max() < 80.0  # the first one may be right instead
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_several_positions_of_one_epoch_that_contradict_each_other_are_no_number_less(n):
+    """Of several receivers in one table, say: no time has passed between them, so that none shows a velocity."""
+    d, rng = drive(60.0, speed=12.0, fast_start=True), np.random.default_rng(4)
+    fixes = np.repeat(received(d, rng, late=0.1, sigma=1.0), n)
+    fixes["sigma"], fixes["hdop"] = (1.5, 1.5, 3.0), np.nan
+    fixes["speed"] = fixes["course"] = np.nan
+    at = np.arange(len(fixes)) % n
+    fixes["lat"] += np.where(at == 0, 60.0, 0.1 * (at - 1)) / 6.37e6
+    p, _, _ = run(fixes, d)
+    assert np.isfinite(p[300:]).all()
+    assert np.hypot(*p[1000:].T).max() < 80.0

@@ -1,6 +1,7 @@
 """Windows of half a second over the inertial data: vibration level, noise floor, low motion, and classes of motion.
 
-Low motion is a gyro deviation near the smallest one measured so far, and means that do not change. At constant speed a
+Low motion is a gyro deviation near the smallest one measured so far, and means that do not change, nor the force since
+it began: it grows slowly where a tram or a ship departs. At constant speed a
 smooth car vibrates hardly more than a parked one, so the gyro deviations of this vehicle at rest and in slow motion are
 learned while the speed is known; where it is not, a sequential likelihood ratio compares the windows with both. The
 decision is in `rest`.
@@ -209,7 +210,7 @@ def interrupt_rest(c: Core) -> None:
 def first_window(c: Core, f: Reals) -> None:
     """Before the first window: the mean specific force is that of the first sample (m/s^2, body)."""
     for i in range(3):
-        c.stationarity.mean_f[i] = f[i]
+        c.stationarity.mean_f[i] = c.stationarity.steady_f[i] = f[i]
 
 
 @kernel
@@ -256,7 +257,7 @@ def classify_window(p: Parameters, c: Core) -> None:
     s = c.stationarity
     w2 = s.sum_w2 / s.sample_count
     f2 = s.sum_f2 / s.sample_count
-    change_w, change_f = 0.0, 0.0
+    change_w, change_f, drift_f = 0.0, 0.0, 0.0
     if s.gyro_noise_floor > 0.0:  # not the first window
         observe_motion(p, c)
     for i in range(3):
@@ -265,6 +266,7 @@ def classify_window(p: Parameters, c: Core) -> None:
         f2 -= mean_f * mean_f
         change_w = max(change_w, abs(mean_w - s.mean_w[i]))
         change_f = max(change_f, abs(mean_f - s.mean_f[i]))
+        drift_f = max(drift_f, abs(mean_f - s.steady_f[i]))
         s.mean_w[i], s.mean_f[i] = mean_w, mean_f
     noise2 = 2.0 * max(f2, 0.0) / (3.0 * s.sample_count)
     excess2 = max(change_f**2 - p.tuning.force_change_significance * noise2, 0.0)
@@ -280,7 +282,7 @@ def classify_window(p: Parameters, c: Core) -> None:
     if s.gyro_noise_floor <= 0.0:
         s.gyro_noise_floor = deviation
     s.gyro_noise_floor = max(min(s.gyro_noise_floor * p.tuning.noise_floor_growth, deviation), least)
-    steady = change_w < p.tuning.rest_rate + s.gyro_noise_floor and change_f < p.tuning.rest_accel
+    steady = change_w < p.tuning.rest_rate + s.gyro_noise_floor and max(change_f, drift_f) < p.tuning.rest_accel
     low_deviation = deviation < p.tuning.max_gyro_ratio * s.gyro_noise_floor and f2 < p.tuning.low_motion_accel**2
     low_motion = low_deviation and steady
     s.low_motion_count = s.low_motion_count + 1 if low_motion else 0

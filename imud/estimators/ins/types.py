@@ -261,7 +261,7 @@ class Integrity:
     unchanged_since_ns: int
     unchanged_lat: float
     unchanged_lon: float
-    rejected_new: int
+    may_stand: int
     frozen: int
     epochs: int
     velocity_reject_count: int

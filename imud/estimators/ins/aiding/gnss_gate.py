@@ -289,9 +289,10 @@ def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool
     """Whether it is too early to use a rejected position.
 
     A receiver with centimetre accuracy measures the phase of the carriers: it does not extrapolate. Before the heading
-    is known the estimate is no more than the positions used: when more have been rejected since, these are right.
+    is known the estimate is no more than the positions used: when more have been rejected since, these are likelier.
     """
-    if c.alignment.mode == COARSE_ALIGNMENT and c.integrity.reject_count[HORIZONTAL] > c.integrity.position_uses + 1.0:
+    outnumbered = c.integrity.reject_count[HORIZONTAL] > c.integrity.position_uses + 1.0
+    if c.alignment.mode == COARSE_ALIGNMENT and outnumbered and outage_s > 0.0:
         return False
     if diverges and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
         return False

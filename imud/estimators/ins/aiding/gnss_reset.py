@@ -77,7 +77,8 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
     Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
     which the horizontal positions drifted away in `drifted_for_s` is stated as an error. Before the heading is known
     the velocity came of positions alone: it may be wrong by as much as the difference shows, and no more is stated as
-    an error than the first rejected position was off, and receivers drift.
+    an error than the first rejected position was off, and receivers drift; no more than a jump where only the very
+    first position says otherwise.
     """
     # along all axes at once: the metres east are those at the latitude before
     if first == 0:
@@ -90,10 +91,12 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
         clear_gnss_bias(c, i, sigma * sigma)
         c.scratch.position_innovation[i] = 0.0
         if not supported and i < 2 and c.alignment.mode == COARSE_ALIGNMENT:
-            outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
-            add_variance(c, VELOCITY + i, max(p.tuning.reset_velocity_sigma, abs(z) / outage_s) ** 2)
+            outage_s = max(1e-9 * (c.nav.t_ns - c.gnss.last_used_ns), 1e-3)
+            speed = min(abs(z) / outage_s, p.tuning.unknown_speed)
+            add_variance(c, VELOCITY + i, max(p.tuning.reset_velocity_sigma, speed) ** 2)
             drift = abs(c.integrity.first_offset[i]) + p.tuning.max_drift_speed * outage_s
-            inflate_position(c, i, min(abs(z), drift) ** 2)
+            only_first = c.integrity.position_uses < 1.0
+            inflate_position(c, i, min(abs(z), p.tuning.jump_sigma if only_first else drift) ** 2)
             continue
         inflate_position(c, i, z * z)
         if not supported:

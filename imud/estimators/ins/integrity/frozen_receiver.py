@@ -50,24 +50,35 @@ TUNABLES = (
 
 
 @kernel
+def start_unchanged(c: Core) -> None:
+    """The position is new, or the vehicle is at rest: from now on it shows whether the receiver is frozen."""
+    g = c.integrity
+    g.unchanged_lat, g.unchanged_lon, g.unchanged_since_ns = c.nav.lat, c.nav.lon, c.nav.t_ns
+
+
+@kernel
 def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
 
     Many receivers hold the position at rest, and release it late. A frozen position counts as frozen until it changes,
-    even if the estimate becomes uncertain. One that the estimate rejected when it was new is not frozen, as that was
-    where the receiver was then: the estimate may be wrong, and the vehicle stand.
+    even if the estimate becomes uncertain. Not so one that the estimate rejected when it was new, where the receiver
+    had hardly moved before, or came back from an outage: the estimate may be wrong, and the vehicle stand.
     """
     g = c.integrity
     if fix.lat != g.last_lat or fix.lon != g.last_lon:
+        north, east = ned_difference(c, g.last_lat, g.last_lon, fix.lat, fix.lon)
+        stands = elementary.hypot(north, east) < p.tuning.frozen_min_m
+        outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
+        returns = g.reject_count[HORIZONTAL] == 0 and outage_s > p.tuning.coasting_s
+        g.may_stand = 1 if stands or returns else 0
         g.last_lat, g.last_lon = fix.lat, fix.lon
-        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
-        g.unchanged_since_ns = c.nav.t_ns
+        start_unchanged(c)
         g.frozen = 0
         return False
+    if c.stationarity.at_rest != 0 and g.frozen == 0:
+        start_unchanged(c)
     unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
-    if c.stationarity.at_rest != 0 and g.frozen == 0:  # rest corrects the estimate
-        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
-    if c.alignment.mode == NAVIGATING and g.frozen == 0 and g.rejected_new == 0:
+    if c.alignment.mode == NAVIGATING and g.frozen == 0 and g.may_stand == 0:
         north, east = ned_difference(c, g.unchanged_lat, g.unchanged_lon, c.nav.lat, c.nav.lon)
         sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
         g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
@@ -76,12 +87,17 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
 
 @kernel
 def note_fused_position(c: Core, lat: float, lon: float) -> None:
-    """A fix has moved the estimate from (lat, lon), rad, which is no motion; store whether a new position was used."""
+    """Call after a fix that may be new, before which the estimate was at (lat, lon), rad.
+
+    What a new one moves the estimate by is no motion; one that is used does not contradict it.
+    """
     g = c.integrity
+    if g.unchanged_since_ns != c.nav.t_ns:
+        return
     g.unchanged_lat += c.nav.lat - lat
     g.unchanged_lon += c.nav.lon - lon
-    if g.unchanged_since_ns == c.nav.t_ns:
-        g.rejected_new = 1 if g.reject_count[HORIZONTAL] > 0 else 0
+    if g.reject_count[HORIZONTAL] == 0:
+        g.may_stand = 0
 
 
 @kernel

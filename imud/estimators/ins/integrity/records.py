@@ -29,7 +29,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("unchanged_since_ns", "<i8"),  # when a fix first had that position
         ("unchanged_lat", "<f8"),  # rad, position of the estimate then
         ("unchanged_lon", "<f8"),
-        ("rejected_new", "<i8"),  # 1: the estimate rejected that position when it was new
+        ("may_stand", "<i8"),  # 1: that position contradicts the estimate, and the vehicle may stand
         ("frozen", "<i8"),  # 1: the vehicle has moved since, so that the receiver is frozen
         ("epochs", "<i8"),  # REPORTED_EPOCHS, UNCONFIRMED_EPOCHS or EXACT_EPOCHS
         ("velocity_reject_count", "<i8"),  # fixes in a row whose velocity was rejected

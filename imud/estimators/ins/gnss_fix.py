@@ -265,6 +265,6 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
         heading_ok = monitor_heading(p, c, b, fix)
     if contradicts_heading(p, c) or not heading_ok:
         find_heading_anew(p, c, fix)
-    note_fused_position(c, lat, lon)
+    note_fused_position(p, c, lat, lon)
     count_fix(c)
     return rows

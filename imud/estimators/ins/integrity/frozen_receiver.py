@@ -50,13 +50,6 @@ TUNABLES = (
 
 
 @kernel
-def start_unchanged(c: Core) -> None:
-    """The position is new, or the vehicle is at rest: from now on it shows whether the receiver is frozen."""
-    g = c.integrity
-    g.unchanged_lat, g.unchanged_lon, g.unchanged_since_ns = c.nav.lat, c.nav.lon, c.nav.t_ns
-
-
-@kernel
 def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
     """Whether the receiver repeats a position to the last digit although the vehicle has moved; call for each fix.
 
@@ -72,30 +65,31 @@ def position_is_frozen(p: Parameters, c: Core, fix: Fix) -> bool:
         returns = g.reject_count[HORIZONTAL] == 0 and outage_s > p.tuning.coasting_s
         g.may_stand = 1 if stands or returns else 0
         g.last_lat, g.last_lon = fix.lat, fix.lon
-        start_unchanged(c)
+        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
+        g.unchanged_since_ns = c.nav.t_ns
         g.frozen = 0
         return False
-    if c.stationarity.at_rest != 0 and g.frozen == 0:
-        start_unchanged(c)
-    unchanged_s = 1e-9 * (c.nav.t_ns - g.unchanged_since_ns)
     if c.alignment.mode == NAVIGATING and g.frozen == 0 and g.may_stand == 0:
         north, east = ned_difference(c, g.unchanged_lat, g.unchanged_lon, c.nav.lat, c.nav.lon)
-        sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * unchanged_s
-        g.frozen = 1 if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m else 0
-    return bool(g.frozen != 0 and unchanged_s < p.tuning.max_reject_s)
+        moving_s = 1e-9 * (c.nav.t_ns - max(g.unchanged_since_ns, c.gravity_monitor.last_rest_ns))
+        sigma = math.sqrt(max(variance(c, VELOCITY), variance(c, VELOCITY + 1))) * moving_s
+        if elementary.hypot(north, east) - p.tuning.limit_sigmas * sigma > p.tuning.frozen_min_m:
+            g.frozen, g.unchanged_since_ns = 1, c.nav.t_ns
+    return bool(g.frozen != 0 and 1e-9 * (c.nav.t_ns - g.unchanged_since_ns) < p.tuning.max_reject_s)
 
 
 @kernel
-def note_fused_position(c: Core, lat: float, lon: float) -> None:
+def note_fused_position(p: Parameters, c: Core, lat: float, lon: float) -> None:
     """Call after a fix that may be new, before which the estimate was at (lat, lon), rad.
 
-    What a new one moves the estimate by is no motion; one that is used does not contradict it.
+    Where a new one sets the estimate to another place, that is no motion; one that is used does not contradict it.
     """
     g = c.integrity
     if g.unchanged_since_ns != c.nav.t_ns:
         return
-    g.unchanged_lat += c.nav.lat - lat
-    g.unchanged_lon += c.nav.lon - lon
+    north, east = ned_difference(c, lat, lon, c.nav.lat, c.nav.lon)
+    if elementary.hypot(north, east) > p.tuning.frozen_min_m:
+        g.unchanged_lat, g.unchanged_lon = c.nav.lat, c.nav.lon
     if g.reject_count[HORIZONTAL] == 0:
         g.may_stand = 0
 

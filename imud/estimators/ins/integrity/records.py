@@ -26,7 +26,7 @@ INTEGRITY = np.dtype(  # rejected fixes, and what they imply for the heading
         ("last_velocity", "<f8", (2,)),  # m/s, its velocity north and east
         ("last_speed", "<f8"),  # m/s, and its speed
         ("last_course", "<f8"),  # rad
-        ("unchanged_since_ns", "<i8"),  # when a fix first had that position
+        ("unchanged_since_ns", "<i8"),  # when a fix first had that position, or the receiver was found to be frozen
         ("unchanged_lat", "<f8"),  # rad, position of the estimate then
         ("unchanged_lon", "<f8"),
         ("may_stand", "<i8"),  # 1: that position contradicts the estimate, and the vehicle may stand

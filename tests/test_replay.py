@@ -237,8 +237,9 @@ def test_options_of_recordings_and_of_tables_are_not_ignored_with_the_other(tmp_
     for option in (("--cluster", "localhost:1"), ("--jobs", "2")):
         assert main(["replay", "--imu", str(table), *option, "-o", str(out)]) == 64
         assert option[0] in capsys.readouterr().err
-    assert main(["replay", str(recording), "--aiding", f"heading={table}", "-o", str(out)]) == 64
-    assert "--aiding" in capsys.readouterr().err
+    for option in (("--aiding", f"heading={table}"), ("--gnss-offset", "-18")):
+        assert main(["replay", str(recording), *option, "-o", str(out)]) == 64
+        assert "--gnss-offset and --aiding are for tables: give tables or recordings" in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -212,6 +212,18 @@ def test_a_receiver_that_says_that_it_has_no_fix_has_mode_1_and_shows_its_satell
     assert driver != "nmea" or [one["PRN"] for one in sky["satellites"]] == [5, 12]
 
 
+def test_a_client_gets_the_receivers_fix_from_the_first_one_on():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    sent = []
+    for second in range(1, 6):
+        rest = "0,03,,,M,,M,," if second < 3 else "1,08,0.9,545.4,M,46.9,M,,"
+        receiver.feed(gga(f"1200{second:02d}.000", rest=rest), second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        sent.append(GpsdReport(View(gnss=receiver.view(second * SECOND + SECOND // 2))).lines(("FIX",)))
+    assert sent[:2] == [b"", b""]
+    assert json.loads(sent[-1])["lat_deg"] == pytest.approx(48.0, abs=1.0)
+
+
 def test_satellites_are_shown_while_a_fix_is_lost_and_what_was_of_the_fix_is_not():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(30):

@@ -77,9 +77,7 @@ LIVENESS: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), 
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
 _STATES, _LONGEST = "states.", 1 << 20  # of an answer: the names of these numbers, and bytes at most
-STALE_NS: Final = (
-    2_000_000_000  # older is the last heartbeat of a daemon that does not run, or in another time namespace
-)
+STALE_NS: Final = 2_000_000_000  # a daemon with an older heartbeat does not run, or runs in another time namespace
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
 _LOCKED_SINE = 1.0 - 1e-13  # of a pitch at which rounding decides what roll and yaw are
 _WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it

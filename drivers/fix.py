@@ -80,6 +80,7 @@ class Sky(NamedTuple):
     satellites: tuple[Satellite, ...] = ()
     pdop: float | None = None
     vdop: float | None = None
+    arrival_ns: int | None = None  # monotonic, of the last list of satellites; None: not known
 
 
 class ReceiverStatus(NamedTuple):

@@ -31,8 +31,9 @@ def plugged_in() -> dict[str, "AnyDriver"]:
         lacks = [one for one in ("also_speaks", "sends_fixes") if not hasattr(driver, one)]
         if len(lacks) == 1:
             warnings.warn(
-                f"the driver {name} of a plug-in lacks {lacks[0]}: its devices are not looked for beside the protocol "
-                "that they also speak, but only if the user names it; add what imud.drivers.driver.NativeProtocol has",
+                f"the driver {name} of a plug-in lacks {lacks[0]}, and so is treated as one whose devices speak one "
+                "protocol: it queries every silent line, and the driver of the other protocol may be used for its "
+                "devices; add what imud.drivers.driver.NativeProtocol has",
                 stacklevel=2,
             )
     return found

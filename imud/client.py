@@ -77,7 +77,7 @@ LIVENESS: Final = struct.Struct("<qQ16s")  # heartbeat on CLOCK_MONOTONIC (ns), 
 _SHARED = struct.Struct(f"<Q{RECORD.size // 8}QQqQ16s")  # lock, record, exclusive or of its 64-bit words, LIFE
 SHARED_SIZE: Final = _SHARED.size
 _STATES, _LONGEST = "states.", 1 << 20  # of an answer: the names of these numbers, and bytes at most
-STALE_NS: Final = 2_000_000_000  # a daemon whose last heartbeat is older does not run
+STALE_NS: Final = 2_000_000_000  # a daemon with an older heartbeat does not run, or runs in another time namespace
 DIVISOR: Final = struct.Struct("<I")  # what a client may send: one of so many states, from now on
 _LOCKED_SINE = 1.0 - 1e-13  # of a pitch at which rounding decides what roll and yaw are
 _WRITE_NS, _PAUSE_S = STALE_NS, 1e-3  # while a write is in progress: the daemon may have lost its processor in it
@@ -313,7 +313,8 @@ class Shared:
             ahead = f"the clock of the daemon (pid {pid}) is {age_ns * -1e-9:.1f} s ahead of ours"
             raise StaleError(f"{ahead}: it runs in another time namespace, and its times mean nothing here")
         if age_ns >= STALE_NS:
-            raise StaleError(f"the daemon (pid {pid}) does not run: its last heartbeat is {age_ns * 1e-9:.1f} s old")
+            stopped = f"the daemon (pid {pid}) does not run, or runs in another time namespace"
+            raise StaleError(f"{stopped}: its last heartbeat is {age_ns * 1e-9:.1f} s old")
 
     def close(self) -> None:
         self._file.close()

@@ -19,6 +19,7 @@ from imud.drivers.registry import by_name
 from imud.estimators import registry
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
 from imud.firmware_sim import ublox
+from imud.firmware_sim.fixes import Fix as TrueFix
 from imud.firmware_sim.ublox_frames import Report
 from imud.outputs.gpsd_json import Report as GpsdReport
 from imud.outputs.view import View
@@ -212,6 +213,18 @@ def test_a_receiver_that_says_that_it_has_no_fix_has_mode_1_and_shows_its_satell
     assert driver != "nmea" or [one["PRN"] for one in sky["satellites"]] == [5, 12]
 
 
+def test_a_client_gets_the_receivers_fix_from_the_first_one_on():
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    sent = []
+    for second in range(1, 6):
+        rest = "0,03,,,M,,M,," if second < 3 else "1,08,0.9,545.4,M,46.9,M,,"
+        receiver.feed(gga(f"1200{second:02d}.000", rest=rest), second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        sent.append(GpsdReport(View(gnss=receiver.view(second * SECOND + SECOND // 2))).lines(("FIX",)))
+    assert sent[:2] == [b"", b""]
+    assert json.loads(sent[-1])["lat_deg"] == pytest.approx(48.0, abs=1.0)
+
+
 def test_satellites_are_shown_while_a_fix_is_lost_and_what_was_of_the_fix_is_not():
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(30):
@@ -223,6 +236,50 @@ def test_satellites_are_shown_while_a_fix_is_lost_and_what_was_of_the_fix_is_not
     assert (report.satellites, report.quality, len(report.sky.satellites)) == (3, 0, 2)
     sky = json.loads(GpsdReport(View(gnss=report)).object("SKY"))
     assert sky["uSat"] == 3 and "hdop" not in sky and len(sky["satellites"]) == 2
+
+
+def _gga_of(second, lost):
+    rest = "0,00,,,M,,M,," if lost else "1,08,0.9,545.4,M,46.9,M,,"
+    return gga(f"1200{second:02d}.000", rest=rest)
+
+
+def _pvt_of(second, lost):
+    return ublox.ubx.pvt(Report(1.8e9 + second, None if lost else UBLOX_FIX))
+
+
+def _tpv_of(second, lost):
+    fix = {"mode": 1} if lost else {"mode": 3, "lat": 48.1, "lon": 11.5, "altHAE": 520.0}
+    tpv = {"class": "TPV", "device": "/dev/a", "time": f"2026-11-23T01:10:{second:02d}.000Z", **fix}
+    return json.dumps(tpv).encode() + b"\n"
+
+
+UBLOX_FIX = TrueFix(
+    1.0, 1.1, 48.1, 11.5, 520.0, 5.0, 90.0, 0.9, 7, True, (1.0, 1.0, 2.0), (0.0, 5.0, 0.0), (0.1, 0.1, 0.2)
+)
+GPSD_SKY = {"class": "SKY", "device": "/dev/a", "satellites": [{"PRN": 5, "gnssid": 0, "svid": 5, "used": True}]}
+SKIES = {
+    "nmea": (_gga_of, GSV + line("GPGSA,A,3,05,12,,,,,,,,,,,1.5,0.9,1.2")),
+    "ubx": (_pvt_of, ublox.ubx.satellites(Report(1.8e9, UBLOX_FIX))),
+    "gpsd": (_tpv_of, json.dumps({**GPSD_SKY, "pdop": 1.5, "vdop": 1.2}).encode() + b"\n"),
+}
+
+
+@pytest.mark.parametrize("lost", [False, True])
+@pytest.mark.parametrize("driver", SKIES)
+def test_satellites_of_which_no_list_comes_any_more_are_left_out(driver, lost):
+    """Messages without a fix, or with one, go on; the last list came at 5 s."""
+    of_second, satellites = SKIES[driver]
+    receiver = Receiver(by_name(driver), Settings().gnss, 0)
+    shown = []
+    for second in range(1, 25):
+        data = of_second(second, lost and second >= 5) + satellites * (second <= 5)
+        receiver.feed(data, second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        report = GpsdReport(View(gnss=receiver.view(second * SECOND + SECOND // 2)))
+        shown.append(json.loads(report.object("SKY")))
+    assert [second for second, sky in enumerate(shown, 1) if "satellites" in sky] == list(range(1, 15))
+    assert all("pdop" in sky for sky in shown[:4])
+    assert not lost or not any("pdop" in sky for sky in shown[4:])
 
 
 def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():

@@ -54,6 +54,22 @@ def test_an_unknown_key_or_a_wrong_type_is_said_with_what_to_write():
     ]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[naviagtion.tuning]\nmax_speed = 3",
+        "[naviagtion.a.b]",
+        "naviagtion.vehicle = 'land'",
+        "[gpsd]\n[naviagtion.tuning]",
+    ],
+)
+def test_an_unknown_table_has_the_line_of_the_first_that_is_in_it(text):
+    with pytest.raises(ConfigError) as caught:
+        config.loads(text, name="x.toml")
+    line = 1 + text.partition("naviagtion")[0].count("\n")
+    assert str(caught.value).splitlines()[1:] == [f"  x.toml:{line}: naviagtion: unknown key; did you mean navigation?"]
+
+
 @pytest.mark.parametrize("text", ["imu = [", "imu = 3\n", "\x00"])
 def test_bad_toml_is_one_clear_error(tmp_path, text):
     file = tmp_path / "imud.toml"
@@ -74,14 +90,19 @@ def test_missing_file_and_malformed_override():
 def test_initial_values():
     initial = config.parse_initial("lat_deg=35.5,yaw_deg=-46")
     assert (initial.lat_deg, initial.yaw_deg, initial.roll_deg) == (35.5, -46.0, None)
-    with pytest.raises(ConfigError, match="--initial: yaw: unknown key"):
+    with pytest.raises(ConfigError, match=r"^--initial yaw: unknown key"):
         config.parse_initial("yaw=1")
+    with pytest.raises(
+        ConfigError, match=r"^--initial =1: write it as KEY=VALUE, for example --initial lat_deg=35\.6$"
+    ):
+        config.parse_initial("=1")
 
 
 @pytest.mark.parametrize(
     ("start", "said"),
     [
-        ("foo", "foo: write it as KEY=VALUE"),
+        ("foo", "foo: write it as KEY=VALUE, for example lat_deg=35.6$"),
+        ("=3", "=3: write it as KEY=VALUE, for example lat_deg=35.6$"),
         ("yaw=3", "yaw: unknown key; did you mean yaw_deg?"),
         ("vehicle=3", "vehicle: unknown key; known here: "),
         ("a\\u0007", r"'a\\x07': write it as KEY=VALUE"),

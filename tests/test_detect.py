@@ -11,7 +11,11 @@ from imud.drivers.detect import _merged, detect
 from imud.drivers.driver import GnssConfigured, Identity, Options, Unsupported
 from imud.drivers.findings import Echo, Silence, UnrecognisedData
 from imud.drivers.registry import by_name, drivers, names
+from imud.drivers.ubx.driver import Ubx
+from imud.drivers.ubx.frames import SYNC
 from imud.drivers.ubx.frames import frame as ubx_frame
+from imud.firmware_sim import ublox
+from imud.firmware_sim.ublox_frames import Report
 
 BURST = (
     b"$GPGGA,081437.000,5212.981473,N,00653.102458,E,1,3,2.88,102.907,M,47.093,M,,*5E\r\n"
@@ -303,6 +307,24 @@ def test_a_receiver_in_binary_is_named(begin, whose, advice):
     found, _ = run(detect(), Speaker(9600, binary, period_s=0.5))
     assert whose in str(found)
     assert advice in str(found)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_driver_that_is_a_native_protocol_by_half_is_treated_as_any_other(whole, monkeypatch):
+    """As the registry warns: it queries a silent line, and the common protocol's driver, by name the first, is used."""
+    native = Ubx()
+    native.name = "zzz"
+    if not whole:
+        monkeypatch.delattr(Ubx, "sends_fixes")
+    known = (*(driver for driver in drivers() if driver.name != "ubx"), native)
+    monkeypatch.setattr("imud.drivers.detect.drivers", lambda: known)
+    queried = []
+    silent = Mute(9600)
+    silent.receive = lambda data: queried.append(bytes(data))
+    run(detect(), silent)
+    assert any(data.startswith(SYNC) for data in queried) != whole
+    found, _ = run(detect(), Speaker(9600, ublox.ubx.pvt(Report(1.8e9, None)) + BURST))
+    assert found.driver == ("zzz" if whole else "nmea")
 
 
 @pytest.mark.parametrize("glitch", [b"\0", b"\xff\x00\xfe"])

@@ -119,7 +119,10 @@ def test_a_driver_that_is_a_native_protocol_by_half_is_named_with_what_it_lacks(
         (tmp_path / "half.py").write_text("\n".join(code))
         said = imud("run", "--port", "/dev/absent:half", "--check", path=tmp_path)
         assert said.returncode == 0
-        assert (f"the driver half of a plug-in lacks {lacking}: " in said.stderr) == lacks
+        assert (f"the driver half of a plug-in lacks {lacking}, " in said.stderr) == lacks
+        assert (
+            "it queries every silent line, and the driver of the other protocol may be used" in said.stderr
+        ) == lacks
 
 
 def test_a_list_that_cannot_be_read_ends_nothing(tmp_path):

@@ -237,8 +237,9 @@ def test_options_of_recordings_and_of_tables_are_not_ignored_with_the_other(tmp_
     for option in (("--cluster", "localhost:1"), ("--jobs", "2")):
         assert main(["replay", "--imu", str(table), *option, "-o", str(out)]) == 64
         assert option[0] in capsys.readouterr().err
-    assert main(["replay", str(recording), "--aiding", f"heading={table}", "-o", str(out)]) == 64
-    assert "--aiding" in capsys.readouterr().err
+    for option in (("--aiding", f"heading={table}"), ("--gnss-offset", "-18")):
+        assert main(["replay", str(recording), *option, "-o", str(out)]) == 64
+        assert "--gnss-offset and --aiding are for tables: give tables or recordings" in capsys.readouterr().err
     assert not out.exists()
 
 
@@ -270,6 +271,10 @@ def test_clocks_that_differ_by_seconds_are_found_by_the_turns(drive, tmp_path, l
         assert found is None or found in ended.stderr
 
 
+def _option_named(ended):
+    return re.search(rb"wrong; (--gnss-offset=\S+) corrects that", ended.stderr)[1].decode()
+
+
 @pytest.mark.parametrize("log", ["gnss.csv", "track.nmea"])
 def test_the_option_that_the_warning_names_corrects_the_clocks(drive, tmp_path, log):
     """Also if an offset that was given before is wrong; the estimates are then those of one clock."""
@@ -279,10 +284,9 @@ def test_the_option_that_the_warning_names_corrects_the_clocks(drive, tmp_path, 
     for given in ((), ("--gnss-offset", "-7.5")):
         ended = replay(*tables, *given, "-o", tmp_path / "est.csv", "--rate", 1)
         last.append((tmp_path / "est.csv").read_text().splitlines()[-1])
-    named = re.search(rb"wrong; (--gnss-offset) (\S+) corrects that", ended.stderr)
-    option = [text.decode() for text in named.groups()]
-    assert abs(float(option[1])) <= 0.25, "as near as differences are compared"
-    ended = replay(*tables, *option, "-o", tmp_path / "est.csv", "--rate", 1)
+    option = _option_named(ended)
+    assert abs(float(option.partition("=")[2])) <= 0.25, "as near as differences are compared"
+    ended = replay(*tables, option, "-o", tmp_path / "est.csv", "--rate", 1)
     assert (ended.returncode, b"by the turns in both" in ended.stderr) == (0, False)
     right, wrong, corrected = (
         np.array(line.split(",")[1:3], float) for line in (*last, (tmp_path / "est.csv").read_text().splitlines()[-1])
@@ -290,6 +294,21 @@ def test_the_option_that_the_warning_names_corrects_the_clocks(drive, tmp_path, 
     error_m = 1.1e5 * np.abs([corrected - right, wrong - right]).max(axis=1)
     assert error_m[0] < 5.0
     assert error_m[1] > 20.0
+
+
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_the_option_that_the_warning_names_has_all_digits(drive, tmp_path, sign):
+    """GPS time and Unix time, each as seconds since its beginning, are 315964800 s less 18 leap seconds apart."""
+    folder, _ = drive
+    samples = np.loadtxt(folder / "imu.csv", delimiter=",", skiprows=1)
+    samples[:, 0] += float(f"{sign}315964782")
+    header = "t_s,gx_radps,gy_radps,gz_radps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(tmp_path / "imu.csv", samples, delimiter=",", header=header, comments="", fmt="%.9f")
+    tables = ("--imu", tmp_path / "imu.csv", "--gnss", folder / "gnss.csv", "-o", tmp_path / "est.csv", "--rate", 1)
+    option = _option_named(replay(*tables, f"--gnss-offset={sign}315964800"))
+    assert option == f"--gnss-offset={sign}315964782"
+    ended = replay(*tables, option)
+    assert (ended.returncode, b"by the turns in both" in ended.stderr) == (0, False)
 
 
 def test_an_offset_of_the_fixes_needs_a_table_of_fixes(tmp_path, capsys):

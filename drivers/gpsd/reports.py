@@ -94,7 +94,8 @@ def sky(report: Report) -> Sky | None:
     if not isinstance(rows, list):
         return None
     found = (_satellite(Report("", "", row, 0)) for row in rows if isinstance(row, dict))
-    return Sky(tuple(one for one in found if one), report.number("pdop", 0.01, 99.0), report.number("vdop", 0.01, 99.0))
+    pdop, vdop = report.number("pdop", 0.01, 99.0), report.number("vdop", 0.01, 99.0)
+    return Sky(tuple(one for one in found if one), pdop, vdop, report.arrival_ns)
 
 
 def _satellite(row: Report) -> Satellite | None:

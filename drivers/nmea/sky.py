@@ -41,6 +41,7 @@ class SkyCollector:
         self._used: dict[int, set[tuple[int, int]]] = {}  # system and number, by the system that GSA is of
         self._pdop: float | None = None
         self._vdop: float | None = None
+        self._arrival_ns: int | None = None  # of the last GSV that completed a list
         self._sky: Sky | None = Sky()
         self._readers: dict[str, Callable[[Sentence], None]] = {"GSV": self._gsv, "GSA": self._gsa}
 
@@ -53,7 +54,7 @@ class SkyCollector:
     def sky(self) -> Sky:
         """The last report; each satellite once, with its strongest signal."""
         if self._sky is None:
-            self._sky = Sky(self._satellites(), self._pdop, self._vdop)
+            self._sky = Sky(self._satellites(), self._pdop, self._vdop, self._arrival_ns)
         return self._sky
 
     def _gsv(self, s: Sentence) -> None:
@@ -73,7 +74,7 @@ class SkyCollector:
         self._growing[key] += rows
         if total == index and (key in self._lists or len(self._lists) < LISTS_MAX):
             self._lists[key] = self._growing.pop(key)
-            self._sky = None
+            self._arrival_ns, self._sky = s.arrival_ns, None
 
     def _gsa(self, s: Sentence) -> None:
         numbers = [int(text) for text in s.fields[2:NUMBERS_END] if text.isdecimal()]

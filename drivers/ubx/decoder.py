@@ -61,7 +61,7 @@ class UbxDecoder:
             self.counters[str(reason)] += 1
             return []
         if isinstance(read, Sky):
-            self.sky = read._replace(pdop=self.sky.pdop, vdop=self.sky.vdop)
+            self.sky = read._replace(pdop=self.sky.pdop, vdop=self.sky.vdop, arrival_ns=frame.arrival_ns)
             return []
         if isinstance(read, Interference):
             self._note(read)

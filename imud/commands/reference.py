@@ -196,7 +196,8 @@ static inline int imud_boot_id(uint8_t boot_id[16])
     return digits == 32;
 }}
 
-/* Whether the daemon runs: 0 if it crashed, was killed or is stopped, and the state is an old one. */
+/* Whether the daemon runs: 0 if it crashed, was killed or is stopped, and the state is an old one, and of a daemon in
+ * another time namespace. */
 static inline int imud_alive(const volatile struct imud_shared *shared)
 {{
     struct timespec now;

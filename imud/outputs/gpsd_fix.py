@@ -20,7 +20,7 @@ _FIX = Numbers(
 
 
 def fix_object(view: View) -> str:
-    """Without a fix it has neither position nor `t_mono_ns`, by which one fix differs from the next."""
+    """One fix differs from the next by its `t_mono_ns`. Without a fix there is nothing but the class and the device."""
     if view.gnss is None or not view.gnss.fix:
         return f"{head('FIX', view)}}}"
     fix, reported = np.frombuffer(view.gnss.fix, FIX)[0], view.gnss.reported

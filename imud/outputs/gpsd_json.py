@@ -233,7 +233,9 @@ class Report:
         if kinds not in self._lines:
             empty = set() if self.view.estimator else {"ATT", "IMU", "EST", "STATES"}
             if self.view.gnss is None:
-                empty |= {"SKY", "FIX"}
+                empty.add("SKY")
+            if self.view.gnss is None or not self.view.gnss.fix:
+                empty.add("FIX")
             self._lines[kinds] = line(*(self.object(kind) for kind in kinds if kind not in empty))
         return self._lines[kinds]
 

@@ -30,7 +30,10 @@ def _satellite(satellite: Satellite) -> str:
 
 
 def sky_object(view: View) -> str:
-    """Dilutions and satellites as far as the receiver reports them, with a fix that is not older than 10 s, or none."""
+    """Dilutions and satellites as far as the receiver reports them, with a fix that is not older than 10 s, or none.
+
+    Satellites are those of a list that is not older, either.
+    """
     gnss = view.gnss
     if gnss is None or (gnss.quality != 0 and gnss.age_s > _FIX_AGE_MAX_S):
         return f"{head('SKY', view)}{time_of(view)}}}"

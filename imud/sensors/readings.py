@@ -9,7 +9,7 @@ NO_VECTOR = (nan, nan, nan)
 
 
 class ReceiverReport(NamedTuple):
-    """What the receiver said with its last fix that the solution does not hold."""
+    """What the receiver said, with its last fix or since, or before its first one, that the solution does not hold."""
 
     satellites: int | None = None  # in use
     hdop: float = nan

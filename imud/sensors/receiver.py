@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 from imud.drivers.driver import GnssDriver, ReadingDecoder
-from imud.drivers.fix import Fix, Reading
+from imud.drivers.fix import Fix, Reading, Sky
 from imud.drivers.transport.line import Line
 
 from ..clocks.epochs import EpochClock
@@ -34,6 +34,7 @@ TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
+_SATELLITES_NS = 10_000_000_000  # for which a list of satellites is shown; some receivers send one each fifth second
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("unknown age", "their age is not known: they have waited somewhere and come faster than they are made")
@@ -331,9 +332,9 @@ class Receiver:
 
     def view(self, now_ns: int) -> ReceiverReport | None:
         """The last fix, for those who publish it, or that there is none now; None before the receiver says either."""
-        fix, status = self._last, self.decoder.status
+        fix, status, sky = self._last, self.decoder.status, self._recent_sky(now_ns)
         if fix is None:
-            none_yet = ReceiverReport(satellites=status.satellites, quality=status.quality, sky=self.decoder.sky)
+            none_yet = ReceiverReport(satellites=status.satellites, quality=status.quality, sky=sky)
             return none_yet if status.arrival_ns else None
         report = ReceiverReport(
             satellites=fix.satellites,
@@ -342,13 +343,20 @@ class Receiver:
             alt_msl=math.nan if fix.alt_msl_m is None else fix.alt_msl_m,
             geoid_sep=math.nan if fix.geoid_sep_m is None else fix.geoid_sep_m,
             age_s=_age_s(fix, now_ns),
-            sky=self.decoder.sky,
+            sky=sky,
             fix=b"" if self._row is None else self._row.tobytes(),
             reported=self._last_used_fix,
         )
         if not self._has_lost_fix(fix):
             return report
-        return report._replace(satellites=status.satellites, hdop=math.nan, quality=0)
+        sky = sky._replace(pdop=None, vdop=None)
+        return report._replace(satellites=status.satellites, hdop=math.nan, quality=0, sky=sky)
+
+    def _recent_sky(self, now_ns: int) -> Sky:
+        """The receiver's satellites, unless the list of them is old."""
+        sky = self.decoder.sky
+        is_old = sky.arrival_ns is not None and now_ns - sky.arrival_ns > _SATELLITES_NS
+        return sky._replace(satellites=()) if is_old else sky
 
     def _has_lost_fix(self, last: Fix) -> bool:
         """Whether it has said since its last fix that it has none."""

@@ -8,6 +8,7 @@ import re
 import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -66,18 +67,22 @@ def _lines_of(text: str) -> dict[str, int]:
     table = ""
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[+\s*([\w.\-]+)\s*\]+", line):
-            table = header[1] + "."
-            lines.setdefault(header[1], number)
+            path, table = header[1], header[1] + "."
         elif assigned := re.match(r"\s*([\w.\-]+)\s*=", line):
-            lines.setdefault(table + assigned[1], number)
+            path = table + assigned[1]
+        else:
+            continue
+        for table_or_key in accumulate(path.split("."), "{}.{}".format):
+            lines.setdefault(table_or_key, number)
     return lines
 
 
 def _assignment(text: str, option: str, example: str) -> tuple[list[str], Any]:
+    """Key path and value. option: with a space, before what is shown of `text`; empty: it is of a file."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip():
         given = text if text.isprintable() and len(text) <= _SHOWN else ascii(text)[:_SHOWN]
-        raise ConfigError(f"{option} {given}: write it as KEY=VALUE, for example {option} {example}")
+        raise ConfigError(f"{option}{given}: write it as KEY=VALUE, for example {option}{example}")
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except _NOT_TOML:
@@ -151,7 +156,7 @@ def from_table(
 ) -> Settings:
     """As `loads`, for what the text (for line numbers, if there is one) was parsed to."""
     for override in overrides:
-        _merge(table, *_assignment(override, "--set", "navigation.vehicle=land"))
+        _merge(table, *_assignment(override, "--set ", "navigation.vehicle=land"))
     for key, value in (given or {}).items():
         _merge(table, key.split("."), value)
     lines = _lines_of(text)
@@ -185,9 +190,9 @@ def _more_problems(table: dict[str, Any]) -> Iterable[tuple[str, str]]:
     """(key path, what is wrong) where a tunable or a value of the start does not exist, or does not take the value."""
     if isinstance(start := table.get("initial"), str):
         try:
-            parse_initial(start)
+            parse_initial(start, "")
         except ConfigError as error:
-            yield "initial", str(error).removeprefix("--initial").lstrip(": ")
+            yield "initial", str(error)
     tuned = {name: inner["tuning"] for name, inner in table.items() if isinstance(inner, dict) and "tuning" in inner}
     if tuned:
         from ..estimators import registry
@@ -228,12 +233,15 @@ def _value(settings: Settings, path: str) -> Any:
     return value
 
 
-def parse_initial(text: str) -> Initial:
-    """What is known of the start, as `--initial` takes it: `lat_deg=35.5,yaw_deg=-46`. Raises ConfigError."""
+def parse_initial(text: str, option: str = "--initial ") -> Initial:
+    """What is known of the start, as `--initial` takes it: `lat_deg=35.5,yaw_deg=-46`. Raises ConfigError.
+
+    option: that had the text, with a space, for messages; empty: a file had it.
+    """
     table: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
-        path, value = _assignment(item, "--initial", "lat_deg=35.6")
+        path, value = _assignment(item, option, "lat_deg=35.6")
         _merge(table, path, value)
     if problems := [f"{path}: {what}" for path, what in _problems(table, Initial)]:
-        raise ConfigError(f"--initial: {'; '.join(problems)}")
+        raise ConfigError(option + "; ".join(problems))
     return msgspec.convert(table, Initial)

@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
     refuse_overwriting([args.output, args.innovations, args.states], inputs)
     if args.recordings:
         if args.imu or args.gnss or args.aiding or args.gnss_offset is not None:
-            raise UsageError("replay: --imu, --gnss (--gnss-offset) and --aiding are tables: these or recordings")
+            of_tables = "--imu, --gnss, --gnss-offset and --aiding are for tables"
+            raise UsageError(f"replay: {of_tables}: give tables or recordings, not both")
         if table := next((path for path in args.recordings if path.suffix.lower() == ".csv"), None):
             raise UsageError(f"replay: {table} is a table: --imu {table} if it has samples, --gnss if fixes")
         from . import recordings

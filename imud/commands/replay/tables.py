@@ -127,7 +127,8 @@ def _warning_of(path: Path) -> Callable[[str], None]:
 
 def _clock_remedy(offset_s: float, behind_s: float) -> str:
     """What corrects times of fixes that are `behind_s` behind those of the samples with an offset of `offset_s`."""
-    return f"--gnss-offset {offset_s + behind_s:g} corrects that"
+    corrected = f"{offset_s + behind_s:.2f}".rstrip("0").rstrip(".")
+    return f"--gnss-offset={corrected} corrects that"
 
 
 def _sources(named: list[str], estimator: Estimator) -> list[tuple[AidingSource, Path]]:

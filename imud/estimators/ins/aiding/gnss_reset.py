@@ -69,16 +69,29 @@ def bias_free_innovation(c: Core, axis: int) -> float:
 
 
 @kernel
+def allow_for_wrong_positions(p: Parameters, c: Core, axis: int, distance: float) -> None:
+    """At a reset before the heading is known: what wrong positions before it may have done along an axis.
+
+    They alone gave the velocity. distance: of the fix from the estimate, m. No more of it is stated as an error than
+    the first rejected position was off and a receiver drifts; no more than a jump where but one position was used.
+    """
+    outage_s = max(1e-9 * (c.nav.t_ns - c.gnss.last_used_ns), 1e-3)
+    speed = min(distance / outage_s, p.tuning.unknown_speed)
+    add_variance(c, VELOCITY + axis, max(p.tuning.reset_velocity_sigma, speed) ** 2)
+    most = p.tuning.jump_sigma
+    if c.integrity.position_uses >= 1.0:
+        most = abs(c.integrity.first_offset[axis]) + p.tuning.max_drift_speed * outage_s
+    inflate_position(c, axis, min(distance, most) ** 2)
+
+
+@kernel
 def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool, drifted_for_s: float) -> None:
     """Set position axes first to last - 1 to the fix, and inflate their stated variance by the squared difference.
 
     Either the estimate or the receiver was wrong, so the difference is stated as an error. This inflation decays as the
     GNSS bias does; it is no state, because every further fix there would contradict a GNSS bias that large.
     Unless the velocity is supported, the variances of velocity and heading are increased, too, and the velocity with
-    which the horizontal positions drifted away in `drifted_for_s` is stated as an error. Before the heading is known
-    the velocity came of positions alone: it may be wrong by as much as the difference shows, and no more is stated as
-    an error than the first rejected position was off, and receivers drift; no more than a jump where only the very
-    first position says otherwise.
+    which the horizontal positions drifted away in `drifted_for_s` is stated as an error.
     """
     # along all axes at once: the metres east are those at the latitude before
     if first == 0:
@@ -91,12 +104,7 @@ def reset_to_gnss(p: Parameters, c: Core, first: int, last: int, supported: bool
         clear_gnss_bias(c, i, sigma * sigma)
         c.scratch.position_innovation[i] = 0.0
         if not supported and i < 2 and c.alignment.mode == COARSE_ALIGNMENT:
-            outage_s = max(1e-9 * (c.nav.t_ns - c.gnss.last_used_ns), 1e-3)
-            speed = min(abs(z) / outage_s, p.tuning.unknown_speed)
-            add_variance(c, VELOCITY + i, max(p.tuning.reset_velocity_sigma, speed) ** 2)
-            drift = abs(c.integrity.first_offset[i]) + p.tuning.max_drift_speed * outage_s
-            only_first = c.integrity.position_uses < 1.0
-            inflate_position(c, i, min(abs(z), p.tuning.jump_sigma if only_first else drift) ** 2)
+            allow_for_wrong_positions(p, c, i, abs(z))
             continue
         inflate_position(c, i, z * z)
         if not supported:

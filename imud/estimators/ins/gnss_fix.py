@@ -12,18 +12,13 @@ from ..records import NEW_RECEIVER, POSITION_N
 from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
 from .aiding.external_pose import distrust_poses
-from .aiding.gnss_gate import (
-    clear_contradictions,
-    contradicts_heading,
-    decay_reset_score,
-    ends_outage,
-    reject_frozen,
-)
+from .aiding.gnss_gate import ends_outage, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
 from .aiding.gnss_time import reset_time_offsets, set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass, has_compass
+from .aiding.heading_contradiction import clear_contradictions, contradicts_heading, decay_reset_score
 from .aiding.lever_arm_prior import set_gnss_lever_arm, weigh_lever_arm
 from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reject, wheels_support
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix

@@ -18,7 +18,6 @@ from imud.drivers import elementary
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..ekf import add_covariance, add_variance, variance
-from ..glr_tests.compass_offset import is_unconfirmed
 from ..glr_tests.gnss_drift import (
     BY_POSITIONS,
     BY_WHEELS,
@@ -41,6 +40,7 @@ from .gnss_reset import (
     inflate_to_fix,
     reset_to_gnss,
 )
+from .heading_contradiction import count_reset
 from .position_divergence import estimate_diverges, measure_divergence
 from .wheel_check import wheels_reject, wheels_support
 
@@ -100,29 +100,6 @@ TUNABLES = (
     Tunable("max_drift_speed", 5.0, "m/s", "Fastest drift of a receiver.", "Choice."),
     Tunable("inertial_velocity_error", 0.25, "m/s", "Error of an inertial velocity beyond its sigma.", "Choice."),
     Tunable("inertial_heading_error", 0.05, "rad", "Error of an inertial heading beyond its sigma.", "Choice."),
-    Tunable(
-        "max_velocity_rejects",
-        8,
-        "fixes",
-        "Largest number of rejected velocities in a row with a right heading.",
-        "Choice.",
-    ),
-    Tunable(
-        "unconfirmed_velocity_rejects",
-        3,
-        "fixes",
-        "The same with a heading that a compass gave and motion has not confirmed.",
-        "Choice.",
-    ),
-    Tunable(
-        "min_velocity_reject_s",
-        2.5,
-        "s",
-        "Least time of rejected velocities that contradict a heading.",
-        "The receiver's positions need as long to show that its velocity is wrong.",
-    ),
-    Tunable("max_reset_score", 1.5, "", "Largest decaying count of resets with a right heading.", "Choice."),
-    Tunable("reset_score_decay", 0.98, "per fix", "Decay of the count of resets.", "About fifty fixes.", high=0.9999),
 )
 
 
@@ -343,7 +320,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         inflate_to_fix(c, nis)
     else:
         reset_to_gnss(p, c, 0, 2, supported, consistent_s)
-        g.reset_score += 0.0 if supported else 1.0
+        count_reset(c, supported)
     if either:
         allow_for_wrong_velocity(c)
     reset_glr_tests(c)
@@ -412,36 +389,3 @@ def set_rejecting(c: Core) -> None:
 def reject_frozen(c: Core) -> None:
     """Mark the fix of a frozen receiver as rejected."""
     c.integrity.rejecting = 1
-
-
-@kernel
-def count_velocity_rejects(c: Core, rejected: int) -> None:
-    """Count fixes in a row with a rejected velocity; `rejected`: rejected components of the last one."""
-    g = c.integrity
-    g.velocity_reject_count = g.velocity_reject_count + 1 if rejected else 0
-    if g.velocity_reject_count == 1:
-        g.velocity_reject_ns = c.nav.t_ns
-
-
-@kernel
-def contradicts_heading(p: Parameters, c: Core) -> bool:
-    """Whether the number of rejected velocities, or of resets, means that the heading is wrong."""
-    g = c.integrity
-    most = p.tuning.max_velocity_rejects * (p.tuning.wheel_reject_factor if wheels_support(p, c) else 1.0)
-    if is_unconfirmed(c):
-        most = p.tuning.unconfirmed_velocity_rejects
-    lasting = 1e-9 * (c.nav.t_ns - g.velocity_reject_ns) > p.tuning.min_velocity_reject_s
-    return bool((g.velocity_reject_count > most and lasting) or g.reset_score > p.tuning.max_reset_score)
-
-
-@kernel
-def decay_reset_score(p: Parameters, c: Core) -> None:
-    """Let the count of resets decay, once per fix."""
-    c.integrity.reset_score *= p.tuning.reset_score_decay
-
-
-@kernel
-def clear_contradictions(c: Core) -> None:
-    """Clear the counts of rejected velocities and of resets."""
-    c.integrity.velocity_reject_count = 0
-    c.integrity.reset_score = 0.0

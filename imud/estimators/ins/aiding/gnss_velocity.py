@@ -34,8 +34,8 @@ from ..state import (
     VELOCITY_AXIS,
     VELOCITY_TIME_OFFSET,
 )
-from .gnss_gate import count_velocity_rejects
 from .gnss_noise import learn_velocity_noise, second_order_error
+from .heading_contradiction import count_velocity_rejects
 from .wheel_check import check_receiver, wheels_reject
 
 if TYPE_CHECKING:

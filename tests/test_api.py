@@ -7,6 +7,7 @@ import importlib
 import inspect
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -199,8 +200,35 @@ def test_what_is_wrong_is_said(change, says):
         imud.attitude(**arguments)
 
 
+@pytest.mark.parametrize(
+    ("t_scale", "gyro_scale", "accel_scale", "frames", "says"),
+    [
+        (1e3, 1.0, 1.0, "ned-frd", "is their time in s"),
+        (1.0, 57.3, 1.0, "ned-frd", "is it in rad/s"),
+        (1.0, 1.0, 1 / 9.81, "ned-frd", "is it in m/s"),
+        (1.0, 1.0, 1.0, "enu-flu", "upside down"),
+    ],
+)
+def test_values_in_other_units_or_axes_give_a_warning(t_scale, gyro_scale, accel_scale, frames, says):
+    t, gyro = np.arange(300) / 100.0, np.random.default_rng(1).normal(0.0, 0.06, (300, 3))
+    accel = np.tile([0.0, 0.0, -9.81], (300, 1)) + gyro
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        imud.attitude(t, gyro, accel)
+    with pytest.warns(UserWarning, match=says):
+        imud.attitude(t * t_scale, gyro * gyro_scale, accel * accel_scale, frames=frames)
+
+
+def test_fixes_outside_the_time_of_the_samples_give_a_warning(drive):
+    imu, fixes = drive
+    with pytest.warns(UserWarning, match="no fix lies within the time of the samples"):
+        imud.navigate(imu, fixes | {"t_s": fixes["t_s"] + 1e6})
+
+
 def test_what_is_wrong_with_tables_and_settings_is_said(drive):
     imu, fixes = drive
+    with pytest.raises(ValueError, match="imu is a path"):
+        imud.navigate("imu.csv", fixes)
     with pytest.raises(ValueError, match="lat_deg"):
         imud.navigate(imu, {"t_s": [1.0]})
     with pytest.raises(ValueError, match=r"gnss, row 0: lat_deg is 95\.0"):

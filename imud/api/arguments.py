@@ -21,8 +21,10 @@ Frames = Literal["ned-frd", "enu-flu"]
 _FLU = np.array([1.0, -1.0, -1.0])
 
 
-def table_of(columns: Any) -> dict[str, Floats]:
-    """Columns by name, of a mapping, a DataFrame or a structured array."""
+def table_of(what: str, columns: Any) -> dict[str, Floats]:
+    """Columns by name, of a mapping, a DataFrame or a structured array. what: names the argument to the user."""
+    if isinstance(columns, str | Path):
+        raise ValueError(f"{what} is a path; it must be a table: read the file with pandas or numpy")
     names = getattr(getattr(columns, "dtype", None), "names", None) or list(columns)
     return {str(name): np.asarray(columns[name]) for name in names}
 
@@ -104,7 +106,7 @@ def split_imu(imu: Any) -> tuple[Any, Any, Any, Any]:
         if len(imu) != 3:
             raise ValueError(f"imu has {len(imu)} elements; it must be (t, gyro, accel) or a table")
         return *imu, None
-    table = table_of(imu)
+    table = table_of("imu", imu)
     if {"t", "gyro", "accel"} <= table.keys():
         return table["t"], table["gyro"], table["accel"], table.get("temperature")
     if missing := [name for name in IMU_COLUMNS if name not in table]:
@@ -117,7 +119,7 @@ def split_imu(imu: Any) -> tuple[Any, Any, Any, Any]:
 
 def fixes_from(gnss: Any, origin: int) -> Records:
     """Fixes (array of FIX) of a table with columns as in gnss.csv."""
-    table = table_of(gnss)
+    table = table_of("gnss", gnss)
     if missing := [name for name in ("t_s", "lat_deg", "lon_deg", "height_m") if name not in table]:
         raise ValueError(f"gnss has no column {', '.join(missing)}; its columns are those of `gnss.csv`")
     rows = rows_of({name: values for name, values in table.items() if name in FIX_COLUMNS})
@@ -130,7 +132,7 @@ def measurements_from(name: str, table: Any, known: Iterable[AidingSource], orig
     sources = {source.name: source for source in known}
     if name not in sources:
         raise ValueError(f"there is no aiding source {name!r}; there are: {', '.join(sources) or 'none'}")
-    columns = table_of(table)
+    columns = table_of(name, table)
     if missing := [*(() if "t_s" in columns else ("t_s",)), *sources[name].missing(columns)]:
         raise ValueError(f"{name} has no column {', '.join(missing)}")
     wanted = ("t_s", *sources[name].names, "arrival_s")

@@ -12,9 +12,11 @@ from ..estimators import Estimator
 from ..estimators.records import FIX, INNOVATION
 from ..math.arrays import Records
 from ..pipeline import Filter
+from ..sensor_monitor.findings import counted
 from ..sensors.fix_consistency import consistent
 from ..tables.clock_difference import warn_of_clocks
 from ..tables.refused import without_refused
+from ..tables.unit_check import unit_warnings
 from .arguments import (
     Frames,
     check_frames,
@@ -52,7 +54,7 @@ def attitude(
     frames: `ned-frd` or `enu-flu`, of what goes in and of what comes out. estimator: another one by its name, or an
     `imud.estimators.Estimator` of your own. Raises ValueError for what is wrong in arrays, ConfigError for what is
     wrong in settings, BadDataError if the settings forbid every fix, UsageError if the estimator cannot be
-    smoothed.
+    smoothed. Warns of values that are probably in other units or axes, and of what the sensor monitor finds.
 
     >>> import numpy as np, imud
     >>> t = np.arange(300) / 100.0
@@ -123,5 +125,10 @@ def _run(
     player = play
     if smooth:
         from ..smoothing import play_smoothed as player
-    player(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=in_order_of_arrival(measured))
+    aiding_rows = in_order_of_arrival(measured)
+    fed = player(filter_, samples, fixes, take, on_innovations=innovations.append, aiding=aiding_rows)
+    for problem in (*unit_warnings(samples, "`frames` says which"), *counted(filter_.health), *filter_.findings()):
+        warnings.warn(problem, stacklevel=3)
+    if len(fixes) and not fed:
+        warnings.warn("no fix lies within the time of the samples: are both on the same clock?", stacklevel=3)
     return Solution(np.concatenate(rows), np.concatenate(innovations), origin, frames)

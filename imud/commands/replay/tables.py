@@ -1,7 +1,6 @@
 """`imud replay --imu CSV …`: tables of samples, fixes and other measurements through a filter."""
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -31,11 +30,8 @@ from ...tables.fixes import fixes_of_file
 from ...tables.inputs import SkippedRows, read_aiding, read_imu
 from ...tables.lines import is_nmea
 from ...tables.output import open_output
+from ...tables.unit_check import unit_warnings
 from ..files import input_file
-
-_PERIOD_MAX_S, _FORCE_MPS2 = 0.2, (4.0, 25.0)  # beyond them the units of the file are probably wrong
-_RATE_RADPS = 6.0  # one sample in ten is faster in what spins, and in a table of degrees of a car that turns
-_CHECKED_SAMPLES = 10_000  # of the specific force and the rates
 
 
 def run(args: argparse.Namespace) -> int:
@@ -154,27 +150,6 @@ def _readings(
         yield readings_of_log(path, origin, int(samples["t_ns"][0]), settings, estimator.sources, _warning_of(path))
 
 
-def _unit_warnings(samples: Records) -> Iterator[str]:
-    """Warnings of values that are probably in other units."""
-    period_s = float(np.median(np.diff(samples["t_ns"]))) * 1e-9
-    checked = samples[:: max(1, len(samples) // _CHECKED_SAMPLES)]
-    forces, rate = checked["f"], float(np.quantile(np.linalg.norm(checked["w"], axis=1), 0.9))
-    force, down = float(np.median(np.linalg.norm(forces, axis=1))), -float(np.median(forces[:, 2]))
-    for name, values in (("gyro", samples["w"]), ("accelerometer", samples["f"])):
-        constant = np.ptp(values, axis=0) == 0.0
-        if 0 < constant.sum() < 3:
-            still = ", ".join(axis for axis, is_constant in zip("xyz", constant, strict=True) if is_constant)
-            yield f"{name} {still} never changes, as an axis that was not recorded: the estimates may be wrong"
-    if period_s > _PERIOD_MAX_S:
-        yield f"the samples are {period_s:g} s apart: is t_s in s?"
-    if rate > _RATE_RADPS:
-        yield f"one sample in ten turns faster than {rate:.3g} rad/s, {math.degrees(rate):.0f} deg/s: is it in rad/s?"
-    if not _FORCE_MPS2[0] < force < _FORCE_MPS2[1]:
-        yield f"the specific force is mostly {force:.3g} m/s^2, gravity alone gives 9.8: is it in m/s^2, with gravity?"
-    elif down < -_FORCE_MPS2[0]:
-        yield "the sensor is upside down; if it is not, its axes are others: --set imu.mount_rpy_deg=[180,0,0] for FLU"
-
-
 def _summary(samples: Records, fixes: Records, fed: int, skipped: int, seconds: float) -> None:
     """Print the warnings and, on a terminal, the number of samples and the speed."""
     span = float(samples["t_ns"][-1] - samples["t_ns"][0]) * 1e-9
@@ -185,7 +160,7 @@ def _summary(samples: Records, fixes: Records, fed: int, skipped: int, seconds: 
             f"{fed} of {len(fixes)} fixes",
             file=sys.stderr,
         )
-    for warning in _unit_warnings(samples):
+    for warning in unit_warnings(samples, "--set imu.mount_rpy_deg=[180,0,0] for FLU"):
         print(f"imud replay: {warning}", file=sys.stderr)
     if skipped:
         print(f"imud replay: {skipped} samples skipped: their time did not advance", file=sys.stderr)

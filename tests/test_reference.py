@@ -60,3 +60,7 @@ def test_man_pages_format_without_a_warning(page):
     text = re.sub(r"\x1b\[[\d;]*m|.\x08", "", done.stdout)
     words = [key.name for key in keys()] if page is man_configuration else list(COMMANDS)
     assert not [word for word in words if word not in text.replace("\n", " ").replace("‐ ", "")]
+
+
+def test_the_man_page_has_the_values_that_an_option_may_have():
+    assert "log\\-level debug|info|warning|error" in man_command()

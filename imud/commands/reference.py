@@ -114,7 +114,7 @@ def man_command() -> str:
 
 
 def _option(action: argparse.Action) -> str:
-    value = action.metavar or (action.dest.upper() if action.nargs != 0 else "")
+    value = action.metavar or "|".join(action.choices or ()) or (action.dest.upper() if action.nargs != 0 else "")
     return " ".join(filter(None, (", ".join(action.option_strings), str(value))))
 
 

@@ -62,7 +62,10 @@ class Table:
             if "\N{REPLACEMENT CHARACTER}" in has or not has.isprintable():
                 raise BadDataError(f"{self.path}: not a text, so no table and no NMEA log either")
             seen = textwrap.shorten(has, _SHOWN, placeholder=" …")
-            raise BadDataError(f"{where}: no column {', '.join(missing)}; the header must name {must}; it is: {seen}")
+            if all(map(_is_number, self.names)):
+                raise BadDataError(f"{where}: there is no header; it must name {must}; the line is: {seen}")
+            some = f"no column {', '.join(missing)}; " * (len(missing) < len(wanted))
+            raise BadDataError(f"{where}: {some}the header must name {must}; it is: {seen}")
         if double := [name for name in wanted if list(self.names).count(name) > 1]:
             raise BadDataError(f"{self.path} line {self.header}: more than one column {', '.join(double)}")
         return [list(self.names).index(name) for name in wanted]

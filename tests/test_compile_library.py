@@ -432,14 +432,14 @@ def test_what_a_daemon_calls_is_all_in_the_library(built):
     """So nothing waits for numba, nor loads it."""
     code = """
 import sys
-from imud import compilation
+from imud import kernel_calls
 from imud.configuration.settings import Settings
 from imud.estimators import registry
-compilation.warm_decoders()
-compilation.warm_loop()
+kernel_calls.warm_decoders()
+kernel_calls.warm_loop()
 for name in registry.NAMES:
-    compilation.warm(registry.by_name(name), Settings())
-    compilation.warm_replay(registry.by_name(name), Settings())
+    kernel_calls.warm(registry.by_name(name), Settings())
+    kernel_calls.warm_replay(registry.by_name(name), Settings())
 print("numba" in sys.modules, "llvmlite" in sys.modules)
 """
     ended = run(code=code, IMUD_KERNELS=str(built))

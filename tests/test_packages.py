@@ -54,7 +54,7 @@ def test_a_wheel_made_from_the_source_distribution_has_the_same_files_and_its_ke
         file.extractall(tmp_path, filter="data")
     (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert set(packed(WheelBuilder, unpacked)) == set(wheel)
-    code = "import imud.compilation as c; print(c.__file__, len(c.entries()))"
+    code = "import imud.kernel_calls as c; print(c.__file__, len(c.entries()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=unpacked)
     file, entries = done.stdout.split()
     assert Path(file).is_relative_to(unpacked) and int(entries) > 20

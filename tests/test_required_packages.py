@@ -45,7 +45,7 @@ def run_with(packages, code):
 
 
 def test_the_kernels_are_found_with_what_the_wheels_build_installs():
-    code = "from imud.compilation import entries\nprint(len(entries()))"
+    code = "from imud.kernel_calls import entries\nprint(len(entries()))"
     assert int(run_with(build_requirements(), code)) > 20
 
 

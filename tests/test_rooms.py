@@ -110,7 +110,7 @@ FLOORS = (  # lowest first; a file imports from its own floor or below; of sever
     ("imud/outputs", "imud/tables"),
     ("imud/recording", "imud/batch.py", "imud/smoothing"),
     ("imud/daemon/fast_loop.py", "imud/ros2"),
-    ("imud/compilation.py",),
+    ("imud/kernel_calls.py",),
     ("imud/daemon",),
     ("imud/experiments", "imud/api"),
     ("imud/commands", "imud/compile/__main__.py"),

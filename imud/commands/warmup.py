@@ -11,7 +11,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from .. import compilation
+    from .. import kernel_calls
     from ..compile import library, numba_cache
     from ..estimators import registry
 
@@ -20,11 +20,11 @@ def run(args: argparse.Namespace) -> int:
         return 0
     cache = numba_cache.required()
     estimators = [registry.by_name(name) for name in args.estimator or registry.NAMES]
-    compilation.warm_decoders()
-    compilation.warm_loop()
+    kernel_calls.warm_decoders()
+    kernel_calls.warm_loop()
     for number, estimator in enumerate(estimators, 1):
         print(f"imud: compiling {number}/{len(estimators)}: {estimator.name}", file=sys.stderr, flush=True)
-        compilation.warm(estimator, Settings())
-        compilation.warm_replay(estimator, Settings())
+        kernel_calls.warm(estimator, Settings())
+        kernel_calls.warm_replay(estimator, Settings())
     print(f"numba has compiled {len(estimators)} estimators and all drivers: {cache}")
     return 0

@@ -28,7 +28,7 @@ _COVERAGE = ("--coverage", "-O1", "-fno-inline")  # a third less time, to compil
 
 def source(with_lines: bool, is_wanted: Callable[[str], bool] = lambda symbol: True) -> str:
     """The kernels that imud calls, those of them that are wanted, in C. Raises UnsupportedError."""
-    from ..compilation import entries  # which knows all of imud
+    from ..kernel_calls import entries  # which knows all of imud
 
     unit = Translation(with_lines)
     for symbol, (kernel, kinds) in entries().items():

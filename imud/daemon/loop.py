@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from imud.drivers.registry import plugged_in
 
-from .. import compilation
+from .. import kernel_calls
 from ..compile import library
 from ..configuration.settings import Settings
 from ..errors import ImudError
@@ -126,10 +126,10 @@ class Daemon:
                 "numba compiles kernels, which takes minutes if it has not done so before", of=" ".join(by_numba)
             )
             self._notifier.send("STATUS=compiling", "EXTEND_TIMEOUT_USEC=3600000000")
-        compilation.warm_loop()
-        compilation.warm_decoders(plugins_only=compiled)
+        kernel_calls.warm_loop()
+        kernel_calls.warm_decoders(plugins_only=compiled)
         for name in estimators:
-            compilation.warm(registry.by_name(name), self._settings)
+            kernel_calls.warm(registry.by_name(name), self._settings)
 
     def _serve(self) -> None:
         flush_ns = NEVER_NS

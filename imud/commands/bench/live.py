@@ -25,7 +25,7 @@ _MEMORY = "something was compiled in the daemon itself: it is less at the next s
 _GARBAGE = (
     "a first collection also frees what the interpreter keeps for reuse, and finds nothing in the processor's caches"
 )
-_KERNELS = "a kernel is missing in `imud/compilation.py`"
+_KERNELS = "a kernel is missing in `imud/kernel_calls.py`"
 
 
 def live(seconds: int) -> Section:

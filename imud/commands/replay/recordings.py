@@ -54,7 +54,7 @@ def _compile(jobs: list[Job]) -> None:
     """Compile what the jobs need, if installation did not: once, instead of in all their processes at the same time."""
     if library.library() is not None:
         return
-    from ... import compilation
+    from ... import kernel_calls
     from ...estimators import registry
     from ...setup import choices
 
@@ -64,8 +64,8 @@ def _compile(jobs: list[Job]) -> None:
             settings = Recording(job.paths).settings(adapter(job.config, job.overrides, job.estimator))
             needed.update(choices.estimators(settings).possible)
     for estimator in map(registry.by_name, sorted(needed)):
-        compilation.warm(estimator, Settings())
-        compilation.warm_replay(estimator, Settings())
+        kernel_calls.warm(estimator, Settings())
+        kernel_calls.warm_replay(estimator, Settings())
 
 
 def _jobs(args: argparse.Namespace, recordings: list[tuple[Path, ...]], into_folder: bool) -> list[Job]:

@@ -19,9 +19,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import client
-from ..errors import ConfigError, UsageError
 from ..estimators.records import FIX, SOLUTION
-from ..outputs.addresses import PORT, Address, parse_address
+from ..outputs.addresses import PORT, Address
+from .arguments import address_of
 
 _RETRY_S = 1.0
 _DIVISOR_MAX = 2**32 - 1  # what the stream's request has room for
@@ -44,14 +44,6 @@ class Listener(Protocol):
 
     def on_status(self, status: Mapping[str, Any], unix_ns: int) -> None:
         """The flat table of `imud status --json`, each second."""
-
-
-def gpsd_address(text: str) -> Address:
-    """Raises UsageError."""
-    try:
-        return parse_address(text, PORT)
-    except ConfigError as error:
-        raise UsageError(f"--gpsd: {error}") from error
 
 
 def solution_of(state: client.State) -> np.void:
@@ -263,7 +255,7 @@ def follow(command: str, args: argparse.Namespace, rate_hz: float, listener: Lis
 
     Raises UsageError.
     """
-    address, poller = gpsd_address(args.gpsd), select.poll()
+    address, poller = address_of("--gpsd", args.gpsd, PORT), select.poll()
     states = _States(args.stream, rate_hz, listener)
     sources = (
         _Source(command, f"the stream {args.stream} (the daemon's stream.listen)", states, poller),

@@ -19,14 +19,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
 
 from ...errors import ImudError, UsageError
 from ...outputs.addresses import PORT, parse_address
 from ...setup import config
 from .. import status, web
-from ..arguments import above_zero, add_settings, seed
+from ..arguments import above_zero, add_scenario, add_settings
 from ..processes import daemon, emulator, process, subscribe
 from .aids import DEVICES, WITHOUT_LINE, Aids
 from .comparison import Comparison, Truth
@@ -37,14 +36,7 @@ _SILENCE_S = 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=above_zero, metavar="N", help="end after N seconds of data with a summary")
-    parser.add_argument(
-        "--scenario",
-        choices=SCENARIO_NAMES,
-        default="car",
-        metavar="NAME",
-        help=f"what the emulated vehicle does: {', '.join(SCENARIO_NAMES)} (default: %(default)s)",
-    )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
+    add_scenario(parser)
     parser.add_argument("--faults", default="", metavar="SPEC", help="what goes wrong: see `imud sim --faults-help`")
     parser.add_argument(
         "--aiding",

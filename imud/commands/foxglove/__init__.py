@@ -3,8 +3,8 @@
 import argparse
 import importlib.util
 
-from ...errors import ConfigError, UsageError
-from ..arguments import above_zero, add_live
+from ...errors import UsageError
+from ..arguments import above_zero, add_live, page_address_of
 
 _PORT = 8765  # Foxglove's
 _RATE_HZ = 30.0
@@ -25,16 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ...outputs.addresses import parse_address
-
     if importlib.util.find_spec("foxglove") is None:
         raise UsageError("the server for Foxglove needs foxglove-sdk: pip install 'imud[foxglove]'")
     from .server import serve
 
-    try:
-        address = parse_address(args.listen, _PORT)
-    except ConfigError as error:
-        raise UsageError(f"--listen: {error}") from error
-    if isinstance(address.where, str):
-        raise UsageError(f"--listen {args.listen}: Foxglove opens no Unix sockets; write HOST:PORT")
-    return serve(args, address)
+    return serve(args, page_address_of(args.listen, _PORT))

@@ -18,13 +18,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imud.firmware_sim.cli import SCENARIO_NAMES
 from imud.firmware_sim.faults import spec
 
 from ...errors import ImudError, UsageError
 from ...outputs.addresses import PORT, parse_address
 from .. import status
-from ..arguments import above_zero, seed
+from ..arguments import above_zero, add_scenario
 
 if TYPE_CHECKING:
     from .received import Counts, EstimateReader, StreamReader
@@ -52,14 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SPEC",
         help="of the devices: see `imud sim --faults-help` (default: unplugs, restarts, no fix)",
     )
-    parser.add_argument(
-        "--scenario",
-        choices=SCENARIO_NAMES,
-        default="car",
-        metavar="NAME",
-        help=f"{', '.join(SCENARIO_NAMES)} (default car)",
-    )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="of the sensors' errors (default: 1)")
+    add_scenario(parser)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the daemon")
 
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from ... import __version__
 from ...client import GPSD_ADDRESS
-from ...errors import ConfigError, DeviceAbsentError, ImudError, PermissionDeniedError, UsageError
-from ...outputs.addresses import PORT, Address, parse_address
+from ...errors import DeviceAbsentError, ImudError, PermissionDeniedError
+from ...outputs.addresses import PORT, Address
 from ...outputs.listeners import NO_DESCRIPTORS, TOO_MANY
+from ..arguments import address_of
 from . import metrics, screen
 
 TIMEOUT_S = 5.0
@@ -33,10 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    try:
-        address = parse_address(args.address, PORT)
-    except ConfigError as error:
-        raise UsageError(str(error)) from error
+    address = address_of("ADDRESS", args.address, PORT)
     form = "prometheus" if args.prometheus else "json" if args.json else "screen"
     sys.stdout.write(text_of(ask(address), form))
     return 0

@@ -3,23 +3,25 @@
 import argparse
 import importlib.util
 
-from ...errors import ConfigError, UsageError
+from ...client import GPSD_ADDRESS
+from ...errors import UsageError
+from ..arguments import address_of, page_address_of
 
 _NEEDED = ("aiohttp", "plotly")
-_PAGE_PORT, _DAEMON_PORT = 8080, 2947
+_PORT = 8080
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "daemon",
         nargs="?",
-        default=f"127.0.0.1:{_DAEMON_PORT}",
+        default=GPSD_ADDRESS,
         metavar="ADDRESS",
         help="of the daemon's gpsd socket: HOST:PORT or /path (default: %(default)s); it may come and go",
     )
     parser.add_argument(
         "--listen",
-        default=f"127.0.0.1:{_PAGE_PORT}",
+        default=f"127.0.0.1:{_PORT}",
         metavar="HOST:PORT",
         help="where the page is (default: %(default)s); 0.0.0.0:8080 shows it to other machines, without a password",
     )
@@ -38,19 +40,9 @@ def require() -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ...outputs.addresses import parse_address
+    from ...outputs.addresses import PORT
 
     require()
     from .server import serve
 
-    try:
-        daemon = parse_address(args.daemon, _DAEMON_PORT)
-    except ConfigError as error:
-        raise UsageError(f"no daemon can be at {args.daemon!r}: name its gpsd socket, HOST:PORT or /path") from error
-    try:
-        page = parse_address(args.listen, _PAGE_PORT)
-    except ConfigError as error:
-        raise UsageError(f"--listen: {error}") from error
-    if isinstance(page.where, str):
-        raise UsageError(f"--listen {args.listen}: browsers open no Unix sockets; write HOST:PORT")
-    return serve(daemon, page, args.control)
+    return serve(address_of("ADDRESS", args.daemon, PORT), page_address_of(args.listen, _PORT), args.control)

@@ -53,11 +53,11 @@ def address_of(argument: str, text: str, default_port: int) -> "Address":
         raise UsageError(f"{argument}: {error}") from error
 
 
-def page_address_of(text: str, default_port: int) -> "Address":
-    """Where `--listen` has browsers connect, which open no Unix sockets. Raises UsageError."""
+def listen_address_of(text: str, default_port: int) -> "Address":
+    """Where a server of web pages listens: its clients open no Unix sockets. Raises UsageError."""
     address = address_of("--listen", text, default_port)
     if isinstance(address.where, str):
-        raise UsageError(f"--listen {text}: browsers open no Unix sockets; write HOST:PORT")
+        raise UsageError(f"--listen {text}: its clients open no Unix sockets; write HOST:PORT")
     return address
 
 

@@ -4,7 +4,7 @@ import argparse
 import importlib.util
 
 from ...errors import UsageError
-from ..arguments import above_zero, add_live, page_address_of
+from ..arguments import above_zero, add_live, listen_address_of
 
 _PORT = 8765  # Foxglove's
 _RATE_HZ = 30.0
@@ -29,4 +29,4 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("the server for Foxglove needs foxglove-sdk: pip install 'imud[foxglove]'")
     from .server import serve
 
-    return serve(args, page_address_of(args.listen, _PORT))
+    return serve(args, listen_address_of(args.listen, _PORT))

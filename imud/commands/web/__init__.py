@@ -5,7 +5,7 @@ import importlib.util
 
 from ...client import GPSD_ADDRESS
 from ...errors import UsageError
-from ..arguments import address_of, page_address_of
+from ..arguments import address_of, listen_address_of
 
 _NEEDED = ("aiohttp", "plotly")
 _PORT = 8080
@@ -45,4 +45,4 @@ def run(args: argparse.Namespace) -> int:
     require()
     from .server import serve
 
-    return serve(address_of("ADDRESS", args.daemon, PORT), page_address_of(args.listen, _PORT), args.control)
+    return serve(address_of("ADDRESS", args.daemon, PORT), listen_address_of(args.listen, _PORT), args.control)

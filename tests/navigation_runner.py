@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib.util
-import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -131,28 +129,6 @@ def outage_ends(score, est, truth, lever, windows):
     return ends
 
 
-def evaluate(name, grade, vehicle="auto", outages=("60", "30"), profile="auto"):
-    """Figures of one recording: RMS, NEES, outage errors."""
-    score, folder = scorer(), SHARED / "navigation" / name
-    meta = json.loads((folder / "meta.json").read_text())
-    lever = meta["lever_frd"] if meta["truth_point"] == "antenna" else None
-    settings = settings_of(vehicle, meta["lever_frd"], profile)
-    samples, fixes = load(folder, grade)
-    truth = truth_of(folder)
-    est = table(navigate(samples, fixes, settings)[0])
-    t, d, _ = score.errors(est, truth, lever)
-    m = score.steady(t, str(folder / f"gnss_{grade}.csv")) & (t > t[0] + 100 * (name[:3] == "ixr") + 60)
-    figures = {"channels": score.stats(d[m]), "nees": score.nees(est, t[m], d[m]), "outages": {}}
-    for length in outages:
-        ends = []
-        for windows in json.loads((folder / "outages.json").read_text()).get(length, []):
-            cut = table(navigate(samples, without(fixes, windows), settings)[0])
-            ends += outage_ends(score, cut, truth, lever, windows)
-        if ends:
-            figures["outages"][length] = np.array(ends)
-    return figures
-
-
 def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=None, lever_arm_sigma_m=0.0):
     from imud.configuration.settings import Imu, Navigation
 
@@ -160,31 +136,3 @@ def settings_of(vehicle="auto", lever=(0.0, 0.0, 0.0), profile="auto", tuning=No
         lever = tuple(map(float, lever))
     arm = {"lever_arm_m": lever, "lever_arm_sigma_m": lever_arm_sigma_m}
     return Settings(imu=Imu(profile=profile), navigation=Navigation(vehicle=vehicle, tuning=tuning or {}, **arm))
-
-
-def line(name, grade, vehicle, figures):
-    c, n = figures["channels"], figures["nees"]
-    text = (
-        f"{name:9s} {grade:13s} {vehicle:5s} pH {c['pH']['rms']:7.3f} pD {c['pD']['rms']:6.3f} vH {c['vH']['rms']:6.3f}"
-    )
-    text += f" vD {c['vD']['rms']:6.3f} NEES p {n['pos']['anees']:5.2f} v {n['vel']['anees']:5.2f}"
-    if "yaw" in c:
-        text += (
-            f" rpy {c['roll']['rms']:.2f} {c['pitch']['rms']:.2f} {c['yaw']['rms']:.2f} NEES a {n['att']['anees']:.2f}"
-        )
-    for length, e in figures["outages"].items():
-        rms = np.sqrt(np.mean(e[:, 0] ** 2))
-        text += (
-            f" | {length}s med {np.median(e[:, 0]):.1f} rms {rms:.1f} max {e[:, 0].max():.1f} nees {e[:, 1].mean():.1f}"
-        )
-    return text
-
-
-if __name__ == "__main__":
-    wanted = sys.argv[1].split(",") if len(sys.argv) > 1 else ["ixr-0412", "dtu-ugv4"]
-    grades = sys.argv[2].split(",") if len(sys.argv) > 2 else ["rtk", "nmea_grade", "receiver_like"]
-    vehicles = sys.argv[3].split(",") if len(sys.argv) > 3 else ["auto"]
-    for n in wanted:
-        for g in grades:
-            for v in vehicles:
-                print(line(n, g, v, evaluate(n, g, v, ("60", "30") if len(sys.argv) < 5 else ())), flush=True)

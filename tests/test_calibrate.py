@@ -185,6 +185,10 @@ def test_broken_moving_and_short_data_is_refused():
     bends["w"][:, 2] += 0.1 * np.sin(np.arange(len(bends)) / RATE_HZ)  # smooth, as a drive without a shake
     with pytest.raises(UnfitError, match="needs 10 s"):
         gyro.bias(bends, RATE_HZ)
+    cruise = still.copy()
+    cruise["f"][:, 0] += np.sin(2.0 * np.pi / 11.0 * np.arange(len(cruise)) / RATE_HZ)  # to and fro, as smoothly
+    with pytest.raises(UnfitError, match="never at rest"):
+        rest_intervals(cruise, RATE_HZ)
     with pytest.raises(UnfitError, match="too short"):
         rest_intervals(still[:50], RATE_HZ)
     with pytest.raises(UnfitError, match="needs 10 s"):

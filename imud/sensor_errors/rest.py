@@ -76,12 +76,16 @@ def rest_intervals(samples: Records, rate_hz: float) -> list[Interval]:
     limit_f = min(_STILL * max(np.quantile(scatter_f, 0.1), _NOISE_MPS2), _MOVING_MPS2)
     still = (scatter_w < limit_w) & (scatter_f < limit_f)
     force = windows(samples["f"], m).mean(axis=1)
-    turned = np.linalg.norm(np.diff(force, axis=0), axis=1) > 3.0 * limit_f  # from one window to the next
     rate = np.degrees(windows(samples["w"], m).mean(axis=1))
+
+    def moves(start: int, i: int) -> bool:
+        """Evenly since that window, as in a bend, or with an acceleration that changes slowly."""
+        turned, tilted = np.linalg.norm(rate[i] - rate[start]), np.linalg.norm(force[i] - force[start])
+        return bool(turned > 3.0 * limit_w or tilted > limit_f)
+
     intervals, start = [], 0
     for i in range(1, len(still) + 1):
-        turns = i < len(still) and np.linalg.norm(rate[i] - rate[start]) > 3.0 * limit_w  # evenly, as in a bend
-        if i == len(still) or not still[i] or not still[i - 1] or turned[i - 1] or turns:
+        if i == len(still) or not still[i] or not still[i - 1] or moves(start, i):
             if still[start] and (i - start) * m >= _REST_MIN_S * rate_hz:
                 intervals.append(Interval(start * m, i * m))
             start = i

@@ -81,6 +81,16 @@ def test_a_table_in_the_place_of_a_recording_is_told_its_option(tmp_path, capsys
     )
 
 
+@pytest.mark.parametrize("option", ["--imu", "--gnss"])
+def test_a_recording_in_the_place_of_a_table_is_named_as_one(option, tmp_path, capsys):
+    recording, table = tmp_path / "drive.mcap", tmp_path / "imu.csv"
+    recording.write_bytes(b"\x89MCAP0\r\n")
+    table.write_text("t_s,gx_radps\n")
+    tables = {"--imu": table} | {option: recording}
+    assert main(["replay", *(str(word) for pair in tables.items() for word in pair), "-o", "est.csv"]) == 64
+    assert capsys.readouterr().err == f"imud: replay: {recording} is a recording: name it without --imu and --gnss\n"
+
+
 def test_a_package_that_is_missing_is_named_with_the_extra_that_brings_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imud.drivers.capture", None)
     monkeypatch.setattr("imud.commands._EXTRAS", {"imud.drivers.capture": "record"})

@@ -65,6 +65,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("replay: --cluster and --jobs are for recordings; tables are replayed here, by one process")
     if args.gnss_offset is not None and args.gnss is None:
         raise UsageError("replay: --gnss-offset is for the fixes of --gnss, which is missing")
+    from ...tables.inputs import is_recording
+
+    if recording := next((path for path in (args.imu, args.gnss) if path is not None and is_recording(path)), None):
+        raise UsageError(f"replay: {recording} is a recording: name it without --imu and --gnss")
     from . import tables
 
     return tables.run(args)

@@ -18,7 +18,7 @@ from ..setup import config
 from ..tables.inputs import FIX_COLUMNS, IMU_COLUMNS, TEMPERATURE, checked_fix, fixes_of, measurements_of, ns_since
 
 Frames = Literal["ned-frd", "enu-flu"]
-_FLU = np.array([1.0, -1.0, -1.0])
+FLU = np.array([1.0, -1.0, -1.0])
 
 
 def table_of(what: str, columns: Any) -> dict[str, Floats]:
@@ -79,7 +79,7 @@ def samples_from(t: Any, gyro: Any, accel: Any, temperature: Any, frames: Frames
         array = array.reshape(1, 3) if array.shape == (3,) else array
         if array.shape != (n, 3):
             raise ValueError(f"{name} has the shape {array.shape}; with {n} times it must be ({n}, 3)")
-        vectors[name] = array * _FLU if frames == "enu-flu" else array
+        vectors[name] = array * FLU if frames == "enu-flu" else array
     for name, array in (("t", times), *vectors.items()):
         bad = ~np.isfinite(array) if array.ndim == 1 else ~np.isfinite(array).all(axis=1)
         if bad.any():

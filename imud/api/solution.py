@@ -16,9 +16,8 @@ from ..estimators.records import (
 )
 from ..math.arrays import Floats, Records
 from ..tables.estimates import estimate_cells
-from .arguments import Frames
+from .arguments import FLU, Frames
 
-_FLU = np.array([1.0, -1.0, -1.0])
 _ENU = [1, 0, 2]
 _UP = np.array([1.0, 1.0, -1.0])
 Flags = np.ndarray[Any, np.dtype[np.bool_]]
@@ -112,7 +111,7 @@ class Solution:
 
     def _body(self, name: str, sign: bool = True) -> Floats:
         v: Floats = self.records[name].copy()
-        return v if self.frames == "ned-frd" or not sign else v * _FLU
+        return v if self.frames == "ned-frd" or not sign else v * FLU
 
     @property
     def q(self) -> Floats:

@@ -22,7 +22,6 @@ from ..process import garbage
 from ..process.contained import ContainedErrors
 from ..process.log import get_logger
 from ..recording.control import Recordings
-from ..recording.ports import SCHEME
 from ..sensors.estimator_selection import EstimatorSelection
 from ..sensors.inertial import Inertial
 from ..sensors.receiver import Receiver
@@ -241,7 +240,7 @@ class Devices:
         elif driver.kind == "gnss":
             now_ns = time.monotonic_ns()
             gnss, aiding = self._settings.gnss, self._settings.aiding
-            recorded = port.spec.path.startswith(SCHEME)
+            recorded = port.spec.path.startswith(choices.RECORDED)
             receiver = Receiver(driver, gnss, now_ns, self._pulse, aiding, baud=identity.baud, recorded=recorded)
             self.in_use.gnss = InUse(port, receiver)
             self._routes.record(port, receiver, now_ns)

@@ -5,8 +5,7 @@ from importlib import util
 from pathlib import Path
 
 from ..errors import BadDataError, InputMissingError, UsageError
-
-SCHEME = "replay:"
+from ..setup.choices import RECORDED
 
 
 def expanded(texts: Sequence[str]) -> tuple[str, ...]:
@@ -14,11 +13,11 @@ def expanded(texts: Sequence[str]) -> tuple[str, ...]:
 
     Raises UsageError, InputMissingError, BadDataError.
     """
-    if len(texts) != 1 or not texts[0].startswith(SCHEME):
+    if len(texts) != 1 or not texts[0].startswith(RECORDED):
         return tuple(texts)
-    if texts[0] == SCHEME:
-        raise UsageError(f"port {SCHEME!r}: name the recording, for example {SCHEME}drive.mcap")
-    path = Path(texts[0][len(SCHEME) :])
+    if texts[0] == RECORDED:
+        raise UsageError(f"port {RECORDED!r}: name the recording, for example {RECORDED}drive.mcap")
+    path = Path(texts[0][len(RECORDED) :])
     if not path.exists() and path.name.rpartition(":")[1]:
         return tuple(texts)  # names one of its devices
     if util.find_spec("mcap") is None:

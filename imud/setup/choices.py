@@ -16,7 +16,7 @@ from ..errors import DeviceAbsentError, UsageError
 from ..estimators import Estimator, registry
 from ..sensor_errors.profiles import DEFAULT, PROFILES
 
-RECORDED = "replay:"  # several ports may play one file
+RECORDED = "replay:"  # begins a port that a recording plays; several may play one file
 NO_GYRO_ESTIMATOR = "tilt"  # the estimator for sensors that lack them
 ONE_GYRO_ESTIMATOR = "riss"  # for those that have the one about z, beside a receiver
 ONE_GYRO = (False, False, True)

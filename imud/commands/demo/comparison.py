@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m", "velocity": "m/s"}  # of what is compared
 _METRES_PER_DEG = 111_320.0
 
 
@@ -41,9 +42,7 @@ class Comparison:
     Before the heading is known a vehicle that moves has no velocity worth comparing: its sigmas say so.
     """
 
-    errors: dict[str, Errors] = field(
-        default_factory=lambda: {name: Errors() for name in ("roll", "pitch", "heading", "position", "velocity")}
-    )
+    errors: dict[str, Errors] = field(default_factory=lambda: {name: Errors() for name in UNITS})
 
     def add(self, est: dict[str, Any], truth: dict[str, float]) -> None:
         state = est.get("state", "")

@@ -4,7 +4,7 @@ import math
 import sys
 from typing import Any
 
-from .comparison import Comparison
+from .comparison import UNITS, Comparison
 
 _FRAME_S = 0.2
 _ROWS = (
@@ -17,7 +17,6 @@ _ROWS = (
     ("latitude", "lat_deg", "sn_m", 6, "deg, σ in m"),
     ("longitude", "lon_deg", "se_m", 6, "deg, σ in m"),
 )
-_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m", "velocity": "m/s"}
 _MAGNITUDES = ("position", "velocity")  # the length of the error: it has no sign
 _COLUMN = 14
 _ALWAYS = {"attitude", "heading", "position", "height"}  # words of the state that the columns show
@@ -40,7 +39,7 @@ def _is_valid(name: str, state: str) -> bool:
 
 def head() -> str:
     """Above the lines of errors."""
-    columns = "".join(f"{f'{name}, {unit}':>{_COLUMN}}" for name, unit in _UNITS.items())
+    columns = "".join(f"{f'{name}, {unit}':>{_COLUMN}}" for name, unit in UNITS.items())
     return f"error ±1σ{columns[1:]}"
 
 
@@ -86,5 +85,5 @@ def summary(comparison: Comparison, estimates: int, elapsed_s: float) -> str:
     for name, errors in comparison.errors.items():
         known = (errors.rms, errors.claimed_rms, errors.last, errors.last_claimed)
         cells = (f"{value:.3f}" if math.isfinite(value) else "-" for value in known)
-        lines.append(f"  {name:10}{{:>9}}{{:>10}}{{:>13}}{{:>10}}  {_UNITS[name]}".format(*cells))
+        lines.append(f"  {name:10}{{:>9}}{{:>10}}{{:>13}}{{:>10}}  {UNITS[name]}".format(*cells))
     return "\n".join(lines)

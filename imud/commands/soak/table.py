@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..demo.comparison import Comparison
+from ..demo.comparison import UNITS, Comparison
 from .received import Counts
 from .waits import Waits
 
@@ -12,7 +12,6 @@ HEAD = (
     f"{'min':>6}{'samples':>10}{'lost':>6}{'missing':>8}{'late p50':>10}{'p99':>8}{'max ms':>9}{'MB':>7}{'files':>6}"
     f"{'clients':>8}"
 )
-_UNITS = {"roll": "deg", "pitch": "deg", "heading": "deg", "position": "m", "velocity": "m/s"}
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def summary(
     for name, errors in comparison.errors.items():
         if errors.count:
             inside = "" if errors.rms <= 2.0 * errors.claimed_rms else "  outside"
-            lines.append(f"  {name:28}{errors.rms:12.3f}{errors.claimed_rms:12.3f}  {_UNITS[name]}{inside}")
+            lines.append(f"  {name:28}{errors.rms:12.3f}{errors.claimed_rms:12.3f}  {UNITS[name]}{inside}")
     verdict = f"{made.lost} samples LOST" if made.lost else "nothing that was delivered is lost"
     return "\n".join([*lines, verdict])
 

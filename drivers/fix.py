@@ -81,6 +81,7 @@ class Sky(NamedTuple):
     pdop: float | None = None
     vdop: float | None = None
     arrival_ns: int | None = None  # monotonic, of the last list of satellites; None: not known
+    dops_arrival_ns: int | None = None  # the same of the dilutions; None: they are those of the last fix
 
 
 class ReceiverStatus(NamedTuple):

@@ -282,6 +282,23 @@ def test_satellites_of_which_no_list_comes_any_more_are_left_out(driver, lost):
     assert not lost or not any("pdop" in sky for sky in shown[4:])
 
 
+@pytest.mark.parametrize("driver", ["nmea", "gpsd"])
+def test_dilutions_that_come_no_more_are_left_out(driver):
+    """The fixes go on, and GSV, if there are any; the last GSA, or SKY, came at 5 s."""
+    of_second, satellites = SKIES[driver]
+    receiver = Receiver(by_name(driver), Settings().gnss, 0)
+    shown = []
+    for second in range(1, 25):
+        list_alone = GSV if driver == "nmea" else b""
+        receiver.feed(of_second(second, False) + (satellites if second <= 5 else list_alone), second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        report = GpsdReport(View(gnss=receiver.view(second * SECOND + SECOND // 2)))
+        shown.append(json.loads(report.object("SKY")))
+    for name in ("pdop", "vdop"):
+        assert [second for second, sky in enumerate(shown, 1) if name in sky] == list(range(1, 15))
+    assert all("satellites" in sky for sky in shown) == (driver == "nmea")
+
+
 def test_a_receiver_whose_gpsd_has_no_date_is_told_what_it_lacks():
     """GGA and VTG alone have a time of day only, of which gpsd makes no time."""
     tpv = {"class": "TPV", "device": "/dev/a", "mode": 3, "lat": 48.1, "lon": 11.5, "altHAE": 520.0}

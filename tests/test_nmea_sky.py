@@ -19,6 +19,9 @@ GSV = (
 GSA = ("GNGSA,A,3,16,18,22,24,46,,,,,,,,1.7,1.0,1.3", "GNGSA,A,3,81,,,,,,,,,,,,1.7,1.0,1.3")
 
 
+SECOND = 1_000_000_000
+
+
 def sky(*bodies: str):
     decoder = NmeaDecoder()
     decoder.feed(b"".join(map(line, bodies)), 1)
@@ -60,6 +63,59 @@ def test_systems_by_gsa_s_last_field_and_signals_of_one_satellite():
         Satellite(2, 9, 20, 200, 25, used=False),
         Satellite(3, 4, 10, 20, 33, used=False),
     }
+
+
+def used(reported):
+    return {(s.system, s.number) for s in reported.satellites if s.used}
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["NMEA 4.11", "NMEA 4.0"])
+def test_a_system_without_satellites_in_use_takes_none_from_another(named):
+    end = [",1", ",2"] if named else ["", ""]
+    fix, none = f"GNGSA,A,3,16,18,,,,,,,,,,,1.7,1.0,1.3{end[0]}", f"GNGSA,A,3,,,,,,,,,,,,,1.7,1.0,1.3{end[1]}"
+    assert used(sky(*GSV, fix, none)) == {(0, 16), (0, 18)}
+    lost = f"GNGSA,A,1,,,,,,,,,,,,,,,{end[0]}"
+    assert used(sky(*GSV, fix, none, GSV[3], lost, none)) == set()
+
+
+def test_a_system_with_more_satellites_in_use_than_a_sentence_holds():
+    """As receivers of all bands send it, with 13 and more of BeiDou."""
+    two = ("GNGSA,A,3,07,08,,,,,,,,,,,1.7,1.0,1.3,4", "GNGSA,A,3,29,,,,,,,,,,,,1.7,1.0,1.3,4")
+    both = ["GBGSV,1,1,04,07,50,100,30,08,20,200,25,29,50,100,30,30,20,200,25,1"]
+    assert used(sky(*both, *two)) == {(3, 7), (3, 8), (3, 29)}
+    assert used(sky(*both, *two, *both, two[1])) == {(3, 29)}
+
+
+def test_satellites_of_navic_and_qzss_are_not_those_of_gps():
+    reported = sky("GPGSV,1,1,01,04,50,100,30,1", "GIGSV,1,1,01,04,20,020,45,1", "QZGSV,1,1,01,02,60,030,40,1",
+                   "GNGSA,A,3,04,,,,,,,,,,,,1.7,1.0,1.3,6")  # fmt: skip
+    assert set(reported.satellites) == {
+        Satellite(0, 4, 50, 100, 30, used=False),
+        Satellite(5, 2, 60, 30, 40, used=False),
+    }
+
+
+def test_what_is_said_of_one_system_no_more_is_shown_no_longer():
+    """GLONASS is switched off at 5 s, and GSA at 15 s."""
+    decoder, shown = NmeaDecoder(), []
+    for second in range(1, 40):
+        bodies = [*GSV[:3], *(GSV[3:] if second <= 5 else ()), *(GSA if second <= 15 else ())]
+        decoder.feed(b"".join(map(line, bodies)), second * SECOND)
+        shown.append((second, {s.system for s in decoder.sky.satellites}, bool(used(decoder.sky))))
+    assert [second for second, systems, _ in shown if 6 in systems] == list(range(1, 16))
+    assert [second for second, _, any_used in shown if any_used] == list(range(1, 26))
+    assert decoder.sky.dops_arrival_ns == 15 * SECOND
+
+
+def test_lists_of_all_bands_of_all_systems():
+    """17 of them, as a receiver of all bands sends."""
+    signals = {"GP": "168", "GL": "13", "GA": "1257", "GB": "158BC", "GQ": "168"}
+    bodies = [
+        f"{talker}GSV,1,1,01,0{k},50,100,30,{signal}"
+        for talker, all_of in signals.items()
+        for k, signal in enumerate(all_of, 1)
+    ]
+    assert len(bodies) == 17 and len(sky(*bodies).satellites) == 17
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])

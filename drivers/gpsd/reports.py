@@ -95,7 +95,7 @@ def sky(report: Report) -> Sky | None:
         return None
     found = (_satellite(Report("", "", row, 0)) for row in rows if isinstance(row, dict))
     pdop, vdop = report.number("pdop", 0.01, 99.0), report.number("vdop", 0.01, 99.0)
-    return Sky(tuple(one for one in found if one), pdop, vdop, report.arrival_ns)
+    return Sky(tuple(one for one in found if one), pdop, vdop, report.arrival_ns, report.arrival_ns)
 
 
 def _satellite(row: Report) -> Satellite | None:

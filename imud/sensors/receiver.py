@@ -34,7 +34,7 @@ TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
-_SATELLITES_NS = 10_000_000_000  # for which a list of satellites is shown; some receivers send one each fifth second
+_SKY_NS = 10_000_000_000  # for which satellites and dilutions are shown; some receivers send them each fifth second
 _DAMAGED = f"receiver: more than {HIGH:.0%} of its messages do not arrive whole"
 _MEASURED_MAX = 64  # that are kept until they are used
 _QUEUE = Refusal("unknown age", "their age is not known: they have waited somewhere and come faster than they are made")
@@ -353,10 +353,13 @@ class Receiver:
         return report._replace(satellites=status.satellites, hdop=math.nan, quality=0, sky=sky)
 
     def _recent_sky(self, now_ns: int) -> Sky:
-        """The receiver's satellites, unless the list of them is old."""
+        """The receiver's satellites and dilutions, unless the last report of them is old."""
         sky = self.decoder.sky
-        is_old = sky.arrival_ns is not None and now_ns - sky.arrival_ns > _SATELLITES_NS
-        return sky._replace(satellites=()) if is_old else sky
+        if sky.arrival_ns is not None and now_ns - sky.arrival_ns > _SKY_NS:
+            sky = sky._replace(satellites=())
+        if sky.dops_arrival_ns is not None and now_ns - sky.dops_arrival_ns > _SKY_NS:
+            sky = sky._replace(pdop=None, vdop=None)
+        return sky
 
     def _has_lost_fix(self, last: Fix) -> bool:
         """Whether it has said since its last fix that it has none."""

@@ -21,17 +21,18 @@ from .aiding import NamedMeasurement, SourceCounter
 from .byte_sink import READ_BYTES, ByteSink
 from .fix_consistency import FROZEN, FixConsistency
 from .gnss import IMPOSSIBLE, INACCURATE, Refusal, is_precise, record, refusal
-from .limits import BY_SETTING, LIMITS, is_beyond
+from .limits import BY_SETTING, LIMITS
 from .line_load import LineLoad
 from .loss import HIGH, LossMonitor
 from .nmea_aiding import measured_of
 from .rate import RateMeter
 from .readings import ReceiverReport
+from .silence import SilenceLimit
 
-SILENCE_NS = 5_000_000_000  # a stream this long silent is broken
 STEADY = 3  # fixes
 TOO_LATE_NS = 2_000_000_000  # the fusion horizon of `navigation`
 STALE_FIX_NS = round(LIMITS["gnss_age_s"].most * 1e9)
+_STALE_PERIODS = 1.5  # of a receiver whose period is longer than two seconds
 JUMP_M, JUMP_MPS = 100.0, 100.0  # a jump goes farther than that, plus what JUMP_MPS above its own speed would make
 JUMPED_NS = 5_000_000_000  # for which a jump is shown
 _SKY_NS = 10_000_000_000  # for which satellites and dilutions are shown; some receivers send them each fifth second
@@ -82,8 +83,7 @@ class Receiver:
         self.decoder = driver.new_decoder(not settings.require_checksum)
         self._readings = self.decoder if isinstance(self.decoder, ReadingDecoder) else None
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
-        self.last_data_ns = now_ns
-        self.silence_ns = SILENCE_NS
+        self._silence = SilenceLimit(now_ns)
         self.used = 0
         self.refused = Counter[str]()  # by rule
         self.message = ""  # a change of whether its fixes are used, until the daemon has logged it
@@ -117,9 +117,18 @@ class Receiver:
             self.byte_sink(data, now_ns, pulse_ns)
         self._line_load.add(len(data), now_ns)
         whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
-        if self.decoder.whole > whole:
-            self.last_data_ns = now_ns
+        self._silence.add(now_ns, self.decoder.whole > whole)
         return self._accepted(fixes, now_ns, pulse_ns)
+
+    @property
+    def last_data_ns(self) -> int:
+        """When something of use came."""
+        return self._silence.last_ns
+
+    @property
+    def silence_ns(self) -> int:
+        """For which it may be silent from then on."""
+        return self._silence.limit_ns
 
     @property
     def fix_count(self) -> int:
@@ -271,18 +280,23 @@ class Receiver:
     def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""
         if not self.positions:
-            is_stale, is_new = now_ns - self.last_data_ns > STALE_FIX_NS, now_ns - self._connected_ns <= STALE_FIX_NS
+            is_stale, is_new = now_ns - self.last_data_ns > self._stale_ns, now_ns - self._connected_ns <= STALE_FIX_NS
             return "sensor: stale, nothing new comes" if is_stale else "" if self.received or is_new else _UNUSED
         return self._lack_of_fixes(now_ns) or self._wrong_time() or self._unusable_fixes(now_ns)
 
+    @property
+    def _stale_ns(self) -> int:
+        """After which it lacks something. A receiver that sends rarely, but regularly, does not."""
+        return max(STALE_FIX_NS, round(_STALE_PERIODS * (self._silence.period_ns or 0)))
+
     def _lack_of_fixes(self, now_ns: int) -> str:
         status = self.decoder.status
-        if now_ns - max(status.arrival_ns, self._connected_ns) > STALE_FIX_NS:
-            talks = now_ns - self.last_data_ns <= STALE_FIX_NS
+        if now_ns - max(status.arrival_ns, self._connected_ns) > self._stale_ns:
+            talks = now_ns - self.last_data_ns <= self._stale_ns
             return f"receiver: {self._lack_of_positions() if talks else 'stale, nothing new comes'}"
         if status.arrival_ns and status.quality == 0:
             return "receiver: no fix"
-        if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > STALE_FIX_NS:
+        if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > self._stale_ns:
             untimed = self._last is None and self.decoder.counters.get("no time")
             return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
         return ""
@@ -314,8 +328,7 @@ class Receiver:
 
     def out_of_limits(self, now_ns: int) -> tuple[str, ...]:
         """Which quantities are beyond their limits, or those of the settings."""
-        age_s = _age_s(self._last, now_ns) if self._last else None
-        stale = ("gnss_age_s",) if is_beyond("gnss_age_s", age_s) else ()
+        stale = ("gnss_age_s",) if self._last and _age_s(self._last, now_ns) * 1e9 > self._stale_ns else ()
         return (*stale, *filter(None, (BY_SETTING.get(self._verdict or ""),)))
 
     def utc_less_monotonic_s(self, near_ns: int) -> float | None:

@@ -1,11 +1,13 @@
 """Detection of the device on a line, and of its baud rate.
 
-First listen: a device that streams is recognised without a byte written to it; unrecognised data are listened to at
-all baud rates. Only a silent line is queried, by every driver at the baud rates that its devices use. A line with
+First listen: a device that streams is recognised without a byte written to it; unrecognised data are listened to at all
+baud rates. Only a silent line is queried, by every driver at the baud rates that its devices use. A line with
 unrecognised data is queried only if the user named a driver whose queries may interrupt a stream. All this is done in
 three rounds, since a device may be starting up. Late answers are waited for at the likeliest baud rate; at all baud
-rates in a fourth round, if any byte was received that was no answer. A line on which a common protocol is recognised is
-listened to a little longer, in case the device also sends one of its own; of both, the one with its fixes counts.
+rates in a fourth round, if any byte was received that was no answer. If there is nothing but a little garbage, it may
+be a device that sends so rarely that the right baud rate was silent: all are listened to once more, longer. A line on
+which a common protocol is recognised is listened to a little longer, in case the device also sends one of its own; of
+both, the one with its fixes counts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,6 +27,7 @@ LISTENING_ORDER = (38400, 460800, 4800, 57600, 230400, 9600, 115200, 19200, 9216
 ECHOES = 3  # in a row are no answers
 GREETING_S = 5.0  # also for making the connection
 NATIVE_S = 1.1  # in which a device that sends two protocols sends both: once a second
+RARE_S = 2.3  # a sentence each second second, a little late
 BITS = 10  # on the wire per byte
 START_S = 0.4  # between rounds on SPI: a device may be starting up
 
@@ -129,8 +132,13 @@ def detect(
             yield Exchange(baud=found.baud)
             return (yield from _of_protocols(candidates, found, readonly))
         if data is not None:
-            return _of_another_driver(driver, data) or data
+            last = data
+            break
     last = last or activity.unrecognised(bauds)
+    if last is not None and last.is_sparse:
+        found = yield from _listen_longer(candidates, bauds)
+        if found is not None:
+            return found
     return Silence(bauds, not readonly) if last is None else _of_another_driver(driver, last) or last
 
 
@@ -204,13 +212,20 @@ def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialog
     return _recognised(candidates, received, bauds[0]) or found
 
 
-def _listen(candidates: Sequence[AnyDriver], baud: int) -> Dialogue[bytes]:
+def _listen_longer(candidates: Sequence[AnyDriver], bauds: Sequence[int]) -> Dialogue[Found | None]:
+    for baud in bauds:
+        if found := _recognised(candidates, (yield from _listen(candidates, baud, RARE_S)), baud):
+            return found
+    return None
+
+
+def _listen(candidates: Sequence[AnyDriver], baud: int, least_s: float = 0.0) -> Dialogue[bytes]:
     def enough(received: bytes) -> bool:
         return (
             len(received) >= RECEIVED_MAX or is_garbage(received) or _recognised(candidates, received, baud) is not None
         )
 
-    timeout_s = max(driver.timeout_s for driver in candidates)
+    timeout_s = max(least_s, *(driver.timeout_s for driver in candidates))
     return (yield Exchange(baud=baud, listen_s=timeout_s, enough=enough, discard=True))
 
 

@@ -51,7 +51,16 @@ class UnrecognisedData:
     def rank(self) -> tuple[bool, int]:
         """For choosing the data to show: text or a known protocol before garbage, many bytes before few."""
         n = len(self.received)
-        return n >= DATA_MIN and (_text_share(self.received) >= TEXT_SHARE or bool(_protocol(self.received))), n
+        return n >= DATA_MIN and not self._is_garbage, n
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether it is a little garbage, as of a device that sends rarely, at another baud rate."""
+        return self._is_garbage and len(self.received) < GARBAGE
+
+    @property
+    def _is_garbage(self) -> bool:
+        return _text_share(self.received) < TEXT_SHARE and not _protocol(self.received)
 
 
 @dataclass(frozen=True)

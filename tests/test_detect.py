@@ -274,13 +274,25 @@ def test_a_receiver_that_sends_only_gll_is_recognised():
     assert (found.model, found.baud) == ("NMEA receiver", 4800)
 
 
-def test_an_instrument_that_knows_no_position_is_not_called_a_disturbed_line():
-    """A sentence each 2 s: none may come while its speed is listened to; at other speeds it is garbage."""
-    line = b"$SDDBT,036.4,f,011.1,M,006.0,F*00\r\n"
-    phases = [0.05 + 0.2 * i for i in range(10)]
-    found = [str(run(detect(), Speaker(4800, line, period_s=2.0, first_s=phase))[0]) for phase in phases]
-    assert not any("disturbed line" in finding for finding in found)
-    assert any("NMEA sentences, but none with a position" in finding for finding in found)
+@pytest.mark.parametrize("baud", [4800, 9600, 38400])
+@pytest.mark.parametrize("period_s", [1.0, 1.33, 1.7, 2.0])
+def test_an_instrument_that_sends_a_sentence_now_and_then_is_recognised_in_all_phases(baud, period_s):
+    """None may come while its speed is listened to; at other speeds it is garbage."""
+    compass = b"$HEHDT,101.1,T*2E\r\n"
+    for phase in range(10):
+        device = Speaker(baud, compass, period_s=period_s, first_s=0.02 + 0.1 * phase * period_s)
+        found, _ = run(detect(), device)
+        assert (found.model, found.baud) == ("NMEA device", baud)
+        assert found.driver == "nmea"
+
+
+def test_a_little_garbage_is_listened_to_longer_before_it_is_called_that():
+    """Not what is text, at the right speed: that is another device."""
+    seconds = {}
+    for name, data in (("garbage", bytes(range(128, 168))), ("text", b"I am a coffee machine, and I am ready\r\n")):
+        found, seconds[name] = run(detect(), Speaker(2400 if name == "garbage" else 9600, data))
+        assert isinstance(found, UnrecognisedData)
+    assert seconds["text"] < LISTEN_S * 10 + 1.0 < seconds["garbage"] < 38.0
 
 
 @pytest.mark.parametrize("talker", ["GP", "BD", "II"])

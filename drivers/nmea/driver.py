@@ -12,7 +12,8 @@ from .mtk import is_mtk, speaks_mtk, speed_up
 from .readings import READERS as READINGS
 from .sentences import RefusedError, Sentence, Splitter
 
-ENOUGH = 2  # checked sentences; or one of a kind that only receivers send
+ENOUGH = 2  # checked sentences of makers' own kinds; one of the standard's is enough, as instruments send single ones
+STANDARD = 3  # letters of a kind of the standard
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
 RECEIVER, SENSOR = "NMEA receiver", "NMEA sensor without positions"  # a compass, a log, a barometer
 DEVICE = "NMEA device"  # either
@@ -37,8 +38,9 @@ class Nmea:
 
     def recognise(self, received: bytes) -> Identity | None:
         """Sentences with the right checksum; without any, positions that lack it."""
-        kinds = [sentence.kind for sentence in Splitter(Counter()).feed(received, 0)]
-        if len(kinds) >= ENOUGH or POSITION_KINDS.intersection(kinds):
+        sentences = list(Splitter(Counter()).feed(received, 0))
+        kinds = {sentence.kind for sentence in sentences}
+        if len(sentences) >= ENOUGH or any(map(_is_standard, sentences)):
             model = RECEIVER if RECEIVER_KINDS.intersection(kinds) else DEVICE
             return Identity(self.name, MEDIATEK if speaks_mtk(received) else model)
         sentences = Splitter(Counter(), unchecked=True).feed(received, 0)
@@ -72,6 +74,10 @@ class Nmea:
     def new_decoder(self, unchecked: bool = False) -> NmeaDecoder:
         """See `GnssDriver`."""
         return NmeaDecoder(unchecked)
+
+
+def _is_standard(sentence: Sentence) -> bool:
+    return sentence.talker != "P" and len(sentence.kind) == STANDARD
 
 
 def _kinds(received: bytes) -> set[str]:

@@ -113,15 +113,18 @@ def test_samples_at_another_rate_than_agreed_are_a_fault(share, is_fault):
     assert any("at another rate than was agreed" in fault for fault in sensor.faults(5 * SECOND)) == is_fault
 
 
-def test_the_driver_reports_a_fault_bit_that_is_set_from_the_start():
+def test_a_fault_that_is_reported_from_the_start_is_one_and_a_bit_of_unknown_meaning_is_none():
+    """As of an M-G350 whose frames all have EA: `imud status` called it well."""
     sensor = inertial(by_name("crossbow"))
     level = (0, 0, 0, 0, 0, 10923)
     reported = []
-    for k, bit in enumerate([4, 4, 0, 4]):
+    for k, bit in enumerate([0x44, 0x44, 0x40, 0, 0x40, 4]):
         receive_from(sensor, packet(level, clock=-12_658 * k, bit=bit), k * SECOND // 100)
         reported.append(sensor.faults(k * SECOND // 100))
-    assert reported[:3] == [(), (), ()]
-    assert "failed" in reported[3][0]
+    failed = "the sensor reports a failed accelerometer (BIT bit 2)"
+    assert reported[:4] == [(failed,), (failed,), (), ()]
+    assert "bit 6 of its status word" in reported[4][0]
+    assert reported[5] == (failed,)
 
 
 def test_the_sensors_own_ranges_hold():

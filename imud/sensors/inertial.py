@@ -55,7 +55,8 @@ class Inertial:
         self._room = pipeline.rx.data
         self._line: Line | None = None
         self._fault_texts: Mapping[int, str] = {}
-        self._initial_status: int | None = None  # status word of the first frame, which the driver has reported
+        # bits of unknown meaning that have been set since the first frame, as the driver has reported: this unit is so
+        self._initial_status: int | None = None
 
     def connect(
         self, line: Line, driver: ImuDriver, configured: ImuConfigured, now_ns: int, first_flags: int = 0
@@ -180,10 +181,10 @@ class Inertial:
         return tuple(name for name, value, sigma in shown if is_beyond(name, value, sigma))
 
     def _reported_faults(self) -> tuple[str, ...]:
-        """Faults that the sensor itself has reported since it began to stream."""
+        """Faults that the sensor itself reports."""
         status = int(self.pipeline.decoder["status"][0])
         if self._initial_status is None and self.pipeline.decoder["frames"][0] > 0:
-            self._initial_status = status
+            self._initial_status = status & ~sum(self._fault_texts)
         self._initial_status = status & (self._initial_status or 0)
         if status == self._initial_status:
             return ()

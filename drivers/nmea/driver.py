@@ -43,8 +43,8 @@ class Nmea:
         if len(sentences) >= ENOUGH or any(map(_is_standard, sentences)):
             model = RECEIVER if RECEIVER_KINDS.intersection(kinds) else DEVICE
             return Identity(self.name, MEDIATEK if speaks_mtk(received) else model)
-        sentences = Splitter(Counter(), unchecked=True).feed(received, 0)
-        return Identity(self.name, UNCHECKED) if any(map(_has_position, sentences)) else None
+        unchecked = Splitter(Counter(), unchecked=True).feed(received, 0)
+        return Identity(self.name, UNCHECKED) if any(map(_has_position, unchecked)) else None
 
     def identify(self) -> Dialogue[Identity | None]:
         """Receivers stream by themselves: nothing is queried."""

@@ -3,6 +3,7 @@
 import numpy as np
 from attitude_simulation import DEG, MG, Flaws, after, car_that_stops, measure, simulate, steady
 from golden_run import Recording, golden
+from multicopter_simulation import flight
 from simulated import samples_of
 
 from imud.configuration.settings import Imu, Initial, Settings
@@ -323,3 +324,9 @@ def turntable_at_the_start():
     """Faster than usual biases, about the vertical."""
     truth = simulate(20.0, 100.0, steady((0.0, 0.0, 12.0 * DEG), -1.0, 2.5))
     return judged(shown(truth), profile="auto")
+
+
+@golden("attitude")
+def multicopter():
+    """It hovers, sets off, which is no slip, and shows its velocity by its drag."""
+    return judged(shown(flight(wobble, 20, 0.2, 90.0, leaves_s=30.0)), profile="auto")

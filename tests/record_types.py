@@ -92,6 +92,7 @@ AHRS = {
     "Stationarity": ahrs.STATIONARITY,
     "Divergence": ahrs.DIVERGENCE,
     "AttitudeStep": ahrs.ATTITUDE_STEP,
+    "Drag": ahrs.DRAG,
     "Clipping": ahrs.CLIPPING,
     "VarianceFactor": ahrs.VARIANCE_FACTOR,
     "VelocityHypotheses": ahrs.VELOCITY_HYPOTHESES,

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.rotation import quat_exp, quat_normalised, quat_product, quat_rotate
+from ...math.rotation import cross, dot, quat_exp, quat_normalised, quat_product, quat_rotate, quat_rotate_back
 from .divergence import inflate_variance, restart_velocity_gain
+from .drag import interrupt_drag
 from .error_model import add_variance, reset_variance
 from .history import record_wrong_tilt
 from .integrals import turn_across_vertical2
@@ -39,7 +40,8 @@ if TYPE_CHECKING:
 @kernel
 def correct_attitude_step(p: Parameters, s: State) -> bool:
     """Has the tilt become wrong at once? Then it is put right. Once per covariance interval."""
-    c, step, total, time = p.tuning, s.attitude_step, s.integrals, s.integrals.time
+    c, step, total, time, q = p.tuning, s.attitude_step, s.integrals, s.integrals.time, s.nav.q_nb
+    body_v = quat_rotate_back((q[0], q[1], q[2], q[3]), (total.delta_v[0], total.delta_v[1], total.delta_v[2]))
     update_hand_held(p, s)
     step.span += time - step.span * time / c.gain_time_s
     step.window_s += time
@@ -49,10 +51,13 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
         step.mean_force[i] += (total.delta_v[i] - step.mean_force[i] * time) / (c.velocity_scatter_time_s + time)
         step.window_delta_v[i] += total.delta_v[i]
         step.window_mean_v[i] += step.mean_force[i] * time
+        step.window_body_v[i] += body_v[i]
         gain = step.delta_v[i] + (s.nav.gravity * step.span if i == 2 else 0.0)
         step.mean_gain[i] += time / (c.velocity_scatter_time_s + time) * (gain - step.mean_gain[i])
         gain2 += gain * gain
         mean2 += step.mean_gain[i] ** 2
+    if step.rise_s == 0.0:
+        learn_body_force(p, s, body_v)
     may_be_slip = is_undecided(p, s) and force_lasts(p, s) and not is_in_a_hand(p, s)
     if step.hand_held_s == 0.0:
         step.usual_s = 0.0
@@ -73,8 +78,47 @@ def correct_attitude_step(p: Parameters, s: State) -> bool:
     least2 = c.step_gain_sigmas**2 * step.usual_mean2 + c.step_gain_mps**2
     if mean2 < least2 or step.window_s < c.min_step_s or angle * angle < c.usual_gain_sigmas**2 * var:
         return False
+    if leans_with_thrust(p, s, angle):
+        step.hand_held_s = 0.0
+        restart_window(s)
+        return False
     level_by_window(p, s, use_mean, var)
     return True
+
+
+@kernel
+def learn_body_force(p: Parameters, s: State, body_v: Vector) -> None:
+    """Where the force usually stands in the body, and how far from there it scatters.
+
+    body_v: integral of the force over the interval, m/s.
+    """
+    step, time = s.attitude_step, s.integrals.time
+    weight = time / (min(step.body_s, p.tuning.hand_time_s) + time)
+    short_s = min(step.body_s, p.tuning.lean_time_s) + time
+    step.body_s += time
+    distance2 = 0.0
+    for i in range(3):
+        step.body_force[i] += (body_v[i] - step.body_force[i] * time) / short_s
+        distance = step.body_force[i] - step.usual_body_force[i]
+        distance2 += distance * distance
+        step.usual_body_force[i] += weight * distance
+    step.body_scatter2 += weight * (distance2 - step.body_scatter2)
+
+
+@kernel
+def leans_with_thrust(p: Parameters, s: State, angle: float) -> bool:
+    """Does the force of the window, at this angle to the vertical, stand in the body where it always does?
+
+    Then the body has leaned and its force with it, as what hangs on its thrust does when it sets off. A slip moves the
+    force in the body. In a body that is turned in a hand it is elsewhere, or all over the place.
+    """
+    step, v, mean = s.attitude_step, s.attitude_step.window_body_v, s.attitude_step.usual_body_force
+    force, usual = (v[0], v[1], v[2]), (mean[0], mean[1], mean[2])
+    across = cross(force, usual)
+    moved = elementary.atan2(math.sqrt(dot(across, across)), dot(force, usual))
+    most = p.tuning.lean_share * min(angle, p.tuning.rise_angle_rad)
+    steady = step.body_scatter2 < most * most * dot(usual, usual)
+    return bool(steady and step.body_s > p.tuning.gain_time_s and moved < most)
 
 
 @kernel
@@ -196,6 +240,7 @@ def restart_window(s: State) -> None:
     s.attitude_step.window_s = s.attitude_step.clipping_variance = 0.0
     for i in range(3):
         s.attitude_step.window_delta_v[i] = s.attitude_step.window_mean_v[i] = 0.0
+        s.attitude_step.window_body_v[i] = 0.0
 
 
 @kernel
@@ -211,6 +256,7 @@ def restart_gain(p: Parameters, s: State) -> None:
     """Nothing has been gained: the attitude has just been set."""
     restart_window(s)
     clear_rise(p, s)
+    interrupt_drag(s)
     s.attitude_step.span = s.attitude_step.possible_tilt_error = 0.0
     for i in range(3):
         s.attitude_step.delta_v[i] = s.attitude_step.mean_gain[i] = 0.0
@@ -221,7 +267,7 @@ def restart_gain(p: Parameters, s: State) -> None:
 def restart_attitude_step(p: Parameters, s: State) -> None:
     """The attitude is a new one: nothing that was found of slips belongs to it."""
     restart_gain(p, s)
-    s.attitude_step.levelled_angle = s.attitude_step.likely_hand_s = 0.0
+    s.attitude_step.levelled_angle = s.attitude_step.likely_hand_s = s.attitude_step.body_s = 0.0
 
 
 @kernel

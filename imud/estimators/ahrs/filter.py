@@ -11,6 +11,7 @@ from ...compile.jit import kernel
 from .attitude_step import correct_attitude_step, rotate_gain
 from .clipping import compensate_clipping
 from .divergence import tilt_is_lost
+from .drag import interrupt_drag, update_drag
 from .ekf import inject_error, update_sigmas
 from .error_model import propagate_covariance
 from .history import record_hypotheses
@@ -156,14 +157,17 @@ def fuse_pseudo_measurements(p: Parameters, s: State) -> None:
     update_travel(p, s)
     was_stationary = s.stationarity.stationary == 1
     if detect_stationary(p, s):
+        interrupt_drag(s)
         correct_yaw(s)
         fuse_stationary(p, s)
         fuse_zero_position(p, s)
     elif s.hypotheses.leading == 1:
+        update_drag(p, s)
         follow_hypotheses(p, s)
     else:
         if was_stationary:
             add_truncation_noise(p, s)
             add_hidden_motion(s)
+        update_drag(p, s)
         fuse_zero_velocity(p, s)
         fuse_zero_position(p, s)

@@ -11,6 +11,7 @@ Sources that recur:
 - Even starts: chosen on simulated trains, cars, ships, lifts and turntables that move evenly when the filter starts
   (tests/attitude_even_starts.py).
 - Mixed: chosen on the same motions after a rest, and those that change from one to another.
+- Flights: chosen on simulated multicopters, and other vehicles, with drag and wind (tests/test_attitude_drag.py).
 - Not recorded: a round number whose origin nobody wrote down. docs/ahrs.md has how much each one matters.
 """
 
@@ -19,7 +20,7 @@ import math
 from ..tuning import Tunable
 
 BROAD, VEHICLES, HANDS, SIMULATED, UNRECORDED = "BROAD.", "Vehicles.", "Hands.", "Simulated.", "Not recorded."
-EVEN, MIXED = "Even starts.", "Mixed."
+EVEN, MIXED, FLIGHTS = "Even starts.", "Mixed.", "Flights."
 
 _FILTER = (
     Tunable(
@@ -259,6 +260,8 @@ _ATTITUDE_STEP = (
     Tunable(
         "steady_share", 0.75, "", "The share of a mean force that its newest value shows if it lasts.", HANDS, high=1.0
     ),
+    Tunable("lean_time_s", 0.1, "s", "Vibration is averaged over it.", FLIGHTS, low=1e-3),
+    Tunable("lean_share", 0.5, "", "Angle that a force moves in a body that leans, over the lean.", FLIGHTS, high=1.0),
     Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
     Tunable("hand_rate_radps", 1.0, "rad/s", "A rate across the vertical that halves this time.", HANDS, low=0.01),
     Tunable("min_hand_probability", 0.99, "", "Of a hand, before a rest, for a step to be one.", HANDS, high=1.0),
@@ -273,6 +276,20 @@ _VARIANCE_FACTOR = (
     Tunable("correction_time_s", 10.0, "s", "Time over which corrections of the tilt are summed.", MIXED, low=0.1),
     Tunable("correction_memory_s", 120.0, "s", "Time over which squared sums are compared.", MIXED, low=1.0),
     Tunable("correction_gate", 3.0, "", "A sum counts at once over so many times its expectation.", MIXED, low=0.1),
+)
+
+_DRAG = (
+    Tunable("drag_block_s", 2.0, "s", "Time over which forces and velocities are averaged.", FLIGHTS, low=0.1),
+    Tunable("drag_memory_s", 60.0, "s", "Time over which they are compared.", FLIGHTS, low=10.0),
+    Tunable("drag_mean_s", 300.0, "s", "Time over which the direction of the thrust is taken.", FLIGHTS, low=1.0),
+    Tunable("min_drag_blocks", 15, "", "Least blocks that are compared.", FLIGHTS, low=3),
+    Tunable(
+        "min_drag_correlation2", 0.3, "", "Least share of the force that the velocity explains.", FLIGHTS, high=1.0
+    ),
+    Tunable("max_drag", 1.0, "1/s", "Most drag per velocity and mass.", FLIGHTS),
+    Tunable("drag_constant_weight", 0.4, "", "Weight of a constant force of zero.", FLIGHTS, low=1e-3),
+    Tunable("gust_noise", 10.0, "m/s sqrt(s)", "Noise density of slow gusts.", FLIGHTS),
+    Tunable("drag_noise", 4.0, "", "Noise of the velocity by drag, over that of white residuals.", FLIGHTS),
 )
 
 _QUANTIZATION = (
@@ -313,5 +330,6 @@ TUNABLES = (
     *_DIVERGENCE,
     *_ATTITUDE_STEP,
     *_VARIANCE_FACTOR,
+    *_DRAG,
     *_QUANTIZATION,
 )

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...compile.jit import kernel
+from .drag import velocity_by_drag
 from .ekf import fuse_state
 from .error_model import add_bias_variance, variance
 from .motion import begins_at_rest, reset_motion
@@ -75,7 +76,11 @@ def fuse_zero_velocity(p: Parameters, s: State) -> None:
         scatter2 = unseen2 + motion.v_scatter[i] + c.shared_scatter * (mean2 - motion.v_scatter[i])
         travel2 = level2 if i < 2 else motion.travel_speed2[2] + c.road_slope**2 * level2
         psd = c.zero_velocity_noise**2 + c.zero_velocity_noise_per_scatter**2 * scatter2
-        fuse_zero_velocity_axis(p, s, i, psd + 2.0 * c.travel_time_s * travel2)
+        psd += 2.0 * c.travel_time_s * travel2
+        if i < 2 and s.drag.per_mass > 0.0 and s.drag.psd < psd:
+            fuse_state(s, VELOCITY + i, velocity_by_drag(s, i) - s.nav.v_n[i], s.drag.psd / s.integrals.time)
+        else:
+            fuse_zero_velocity_axis(p, s, i, psd)
 
 
 @kernel

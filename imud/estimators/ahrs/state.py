@@ -27,6 +27,7 @@ JACOBIAN_LENGTH = 8  # most nonzero elements of a row of H
 FUSED = 9  # most scalar measurements of an interval
 HYPOTHESES = 17  # of how the body moves, before the first rest
 HYPOTHESIS_STATES = 11
+REGRESSION = 5  # columns of the regression that shows the drag
 WINDOW = 32  # codes on either side of the reading next to zero, among which zero itself is sought
 BINS = 2 * WINDOW + 1  # of a histogram of readings about zero
 
@@ -217,7 +218,12 @@ ATTITUDE_STEP = np.dtype(  # what is gained of velocity, and since it began to g
         ("usual_mean2", "<f8"),  # (m/s)^2, of that mean
         ("window_delta_v", "<f8", (3,)),  # m/s, integral of the specific force
         ("window_mean_v", "<f8", (3,)),  # m/s, and of the mean force
+        ("window_body_v", "<f8", (3,)),  # m/s, of the specific force in body axes
         ("window_s", "<f8"),
+        ("body_force", "<f8", (3,)),  # m/s^2, body, mean over lean_time_s
+        ("body_s", "<f8"),  # for which the next two were learned
+        ("usual_body_force", "<f8", (3,)),  # m/s^2, body, mean over hand_time_s
+        ("body_scatter2", "<f8"),  # (m/s^2)^2, of body_force about it
         ("rise_delta_v", "<f8", (3,)),  # m/s, integral of the specific force since the gain is beyond its usual
         ("rise_s", "<f8"),
         ("clipping_variance", "<f8"),  # rad^2, that rates beyond the range have added to the attitude since then
@@ -266,6 +272,30 @@ VARIANCE_FACTOR = np.dtype(  # the corrections of tilt, north and east, over wha
         ("squares", "<f8"),  # rad^2, of the sums, over correction_memory_s
         ("expectations", "<f8"),  # rad^2, of these squares
         ("tilt_scale", "<f8", (2,)),  # stated standard deviation of tilt over that of the covariance
+    ],
+    align=True,
+)
+
+DRAG = np.dtype(  # of the air, by the force across the thrust, and a block of it
+    [
+        ("mean_force", "<f8", (3,)),  # m/s^2, body, over drag_mean_s
+        ("mean_s", "<f8"),  # that it has taken
+        ("force", "<f8", (3,)),  # m/s^2, NED, across it, over the newest interval
+        ("block_s", "<f8"),
+        ("block_c", "<f8", (9,)),  # s, integral of C over the block
+        ("block_force", "<f8", (3,)),  # m/s, of that force
+        ("gained", "<f8", (3,)),  # m/s, of velocity since the block began
+        ("displacement", "<f8", (3,)),  # m, the integral of that
+        ("last_c", "<f8", (9,)),  # mean of the block before
+        ("last_force", "<f8", (3,)),  # m/s^2, the same
+        ("last_gained", "<f8", (3,)),  # m/s, from that block's mean velocity to its end
+        ("has_last", "<i8"),  # 1: these are known
+        # of changes between blocks: a constant force in the body (3), velocity and force across the thrust
+        ("products", "<f8", (REGRESSION * REGRESSION,)),  # their sums, which fade
+        ("blocks", "<f8"),
+        ("per_mass", "<f8"),  # 1/s, drag per velocity and mass; 0: none is known
+        ("constant", "<f8", (3,)),  # m/s^2, body, of the force across the thrust
+        ("psd", "<f8"),  # (m/s)^2 s, of the velocity that it shows
     ],
     align=True,
 )
@@ -340,6 +370,8 @@ SCRATCH = np.dtype(  # holds nothing from one call to the next
         ("values", "<f8", (JACOBIAN_LENGTH,)),
         ("dv_n", "<f8", (3,)),  # m/s, change of velocity in NED over one sample
         ("a_n", "<f8", (3,)),  # m/s^2, the acceleration that it takes
+        ("row", "<f8", (REGRESSION,)),
+        ("products", "<f8", (REGRESSION * REGRESSION,)),
     ],
     align=True,
 )
@@ -360,6 +392,7 @@ STATE = np.dtype(
         ("attitude_step", ATTITUDE_STEP),
         ("hypotheses", VELOCITY_HYPOTHESES),
         ("variance_factor", VARIANCE_FACTOR),
+        ("drag", DRAG),
         ("clipping", CLIPPING),
         ("quantization", QUANTIZATION),
         ("history", HISTORY),

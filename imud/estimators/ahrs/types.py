@@ -108,6 +108,8 @@ class Tuning:
     step_gain_mps: float
     min_step_s: float
     steady_share: float
+    lean_time_s: float
+    lean_share: float
     hand_time_s: float
     hand_rate_radps: float
     min_hand_probability: float
@@ -119,6 +121,15 @@ class Tuning:
     correction_time_s: float
     correction_memory_s: float
     correction_gate: float
+    drag_block_s: float
+    drag_memory_s: float
+    drag_mean_s: float
+    min_drag_blocks: int
+    min_drag_correlation2: float
+    max_drag: float
+    drag_constant_weight: float
+    gust_noise: float
+    drag_noise: float
     max_lsb_radps: float
     min_lsb_radps: float
     min_step_radps: float
@@ -287,7 +298,12 @@ class AttitudeStep:
     usual_mean2: float
     window_delta_v: Reals
     window_mean_v: Reals
+    window_body_v: Reals
     window_s: float
+    body_force: Reals
+    body_s: float
+    usual_body_force: Reals
+    body_scatter2: float
     rise_delta_v: Reals
     rise_s: float
     clipping_variance: float
@@ -296,6 +312,26 @@ class AttitudeStep:
     levelled_angle: float
     likely_hand_s: float
     possible_tilt_error: float
+
+
+class Drag:
+    mean_force: Reals
+    mean_s: float
+    force: Reals
+    block_s: float
+    block_c: Reals
+    block_force: Reals
+    gained: Reals
+    displacement: Reals
+    last_c: Reals
+    last_force: Reals
+    last_gained: Reals
+    has_last: int
+    products: Reals
+    blocks: float
+    per_mass: float
+    constant: Reals
+    psd: float
 
 
 class Clipping:
@@ -392,6 +428,8 @@ class Scratch:
     values: Floats
     dv_n: Reals
     a_n: Reals
+    row: Floats
+    products: Reals
 
 
 class State:
@@ -409,6 +447,7 @@ class State:
     attitude_step: AttitudeStep
     hypotheses: VelocityHypotheses
     variance_factor: VarianceFactor
+    drag: Drag
     clipping: Clipping
     quantization: Quantization
     history: History

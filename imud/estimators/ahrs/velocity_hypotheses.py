@@ -155,7 +155,8 @@ def measure_hypotheses(p: Parameters, s: State) -> None:
         speed2 += likelihood * (b.x[h, n] ** 2 + b.x[h, e] ** 2 + b.P[h, n, n] + b.P[h, e, e])
     b.hand = hand / total
     mix_hypotheses(s)
-    choose_leader(p, s, b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2 and not is_undecided(p, s))
+    travels = b.hand < 0.5 and speed2 > total * c.travel_speed_mps**2 and not is_undecided(p, s)
+    choose_leader(p, s, travels and s.drag.per_mass == 0.0)
     b.possible_tilt_error = tilt_error_of_others(s)
     for i in range(2):
         b.v[i] += b.mean[INTEGRATED + i]

@@ -139,11 +139,11 @@ def find_drag(p: Parameters, s: State) -> None:
     velocity2, force2 = A[n * VELOCITY_COLUMN + VELOCITY_COLUMN], A[n * FORCE_COLUMN + FORCE_COLUMN]
     product = A[n * VELOCITY_COLUMN + FORCE_COLUMN]
     drag.per_mass = 0.0
-    if drag.blocks < c.min_drag_blocks or product * product < c.min_drag_correlation2 * force2 * velocity2:
+    correlated = product * product > c.min_drag_correlation2 * force2 * velocity2
+    is_drag = -c.max_drag * velocity2 < product < 0.0
+    if drag.blocks < c.min_drag_blocks or not correlated or not is_drag:
         return
     per_mass = -product / velocity2
-    if per_mass <= 0.0 or per_mass > c.max_drag:
-        return
     drag.per_mass = per_mass
     residual2 = max(force2 - per_mass * per_mass * velocity2, 0.0) / drag.blocks
     white = 0.25 * residual2 * c.drag_block_s / (per_mass * per_mass)  # of the mean of a block, two components

@@ -59,6 +59,30 @@ def test_before_a_stream_has_shown_its_period_it_has_the_time_of_the_slowest():
     assert limit.limit_ns == SLOWEST_NS
 
 
+@pytest.mark.parametrize("period_s", [0.1, 1.0])
+def test_a_receiver_of_every_second_is_known_for_one_before_its_first_five_seconds_are_over(period_s):
+    """Then a spare takes over as soon as at any other time, also after each reconnection of a loose line."""
+    limit = SilenceLimit(0)
+    silences(limit, [k * period_s for k in range(round(2.6 / period_s))])
+    assert limit.limit_ns == SILENCE_NS and limit.period_ns == 0
+
+
+@pytest.mark.parametrize("first_s", [1, 4])
+def test_a_single_pause_is_no_period(first_s):
+    limit = SilenceLimit(0)
+    silences(limit, [*range(first_s), *range(first_s + 50, first_s + 54)])
+    assert limit.limit_ns == SILENCE_NS and limit.period_ns == 0
+
+
+@pytest.mark.parametrize("period_s", [10, 30])
+def test_a_slow_receiver_is_kept_from_its_first_period_on(period_s):
+    limit = SilenceLimit(0)
+    burst(limit, 0.1)
+    assert limit.limit_ns > period_s * SECOND
+    burst(limit, 0.1 + period_s)
+    assert 2 * period_s * SECOND < limit.limit_ns <= 2.5 * period_s * SECOND
+
+
 def test_what_never_comes_at_equal_times_does_not_make_the_limit_grow_for_ever():
     limit, at_s = SilenceLimit(0), 0.0
     for k in range(1, 20):

@@ -318,7 +318,7 @@ def test_a_fix_without_satellites_in_gga_does_not_know_them():
     assert fix_of(gga(rest="2,00,1.3,545.4,M,46.9,M,,") + gns).satellites == 11
 
 
-def test_a_receiver_is_recognised_by_one_sentence_of_the_standard_or_two_of_its_maker():
+def test_a_receiver_is_recognised_by_one_sentence_of_a_kind_that_is_read_or_two_of_any():
     """That noise makes one with its checksum has a chance of 1e-11 per byte."""
     assert DRIVER.recognise(FIX).driver == "nmea"
     assert DRIVER.recognise(FIX_VTG).model == "NMEA receiver"
@@ -326,7 +326,11 @@ def test_a_receiver_is_recognised_by_one_sentence_of_the_standard_or_two_of_its_
     own = line("PGRME,3.0,M,4.0,M,5.0,M")
     assert DRIVER.recognise(own) is None
     assert DRIVER.recognise(own + own).model == "NMEA device"
-    assert DRIVER.recognise(line("AB,1")) is None
+    for other in ("AB,1", "ABCDE,1", "VNYMR,+006.380,+000.023,-001.953,+1.0640,-0.2531", "GPTXT,01,01,02,ANTSTATUS=OK"):
+        assert DRIVER.recognise(line(other)) is None
+        assert DRIVER.recognise(line(other) + FIX).model == "NMEA receiver"
+    for read in ("GPGSV,1,1,01,04,50,100,30", "GNGSA,A,1,,,,,,,,,,,,,,,", "GPZDA,120000.00,01,06,2026,00,00"):
+        assert DRIVER.recognise(line(read)).model == "NMEA receiver"
     assert DRIVER.recognise(FIX_VTG[5:]) is None
     assert DRIVER.recognise(FIX_VTG[5:] + FIX_VTG + FIX_VTG).model == "NMEA receiver"
     assert DRIVER.recognise(FIX[:-2]) is None

@@ -12,13 +12,13 @@ from .mtk import is_mtk, speaks_mtk, speed_up
 from .readings import READERS as READINGS
 from .sentences import RefusedError, Sentence, Splitter
 
-ENOUGH = 2  # checked sentences of makers' own kinds; one of the standard's is enough, as instruments send single ones
-STANDARD = 3  # letters of a kind of the standard
+ENOUGH = 2  # checked sentences of any kind; one of a kind that is read is enough, as instruments send single ones
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
 RECEIVER, SENSOR = "NMEA receiver", "NMEA sensor without positions"  # a compass, a log, a barometer
 DEVICE = "NMEA device"  # either
 POSITION_KINDS = {"GGA", "GNS", "RMC", "GLL"}
 RECEIVER_KINDS = {*READERS, "GSV"}
+READ_KINDS = RECEIVER_KINDS | READINGS.keys()
 POSITION_S = 2.5  # in which a receiver that also sends what other sensors send sends a position
 WITHOUT = "switch them on in the receiver, or accept sentences without them: --set gnss.require_checksum=false"
 
@@ -40,7 +40,7 @@ class Nmea:
         """Sentences with the right checksum; without any, positions that lack it."""
         sentences = list(Splitter(Counter()).feed(received, 0))
         kinds = {sentence.kind for sentence in sentences}
-        if len(sentences) >= ENOUGH or any(map(_is_standard, sentences)):
+        if len(sentences) >= ENOUGH or any(map(_is_read, sentences)):
             model = RECEIVER if RECEIVER_KINDS.intersection(kinds) else DEVICE
             return Identity(self.name, MEDIATEK if speaks_mtk(received) else model)
         unchecked = Splitter(Counter(), unchecked=True).feed(received, 0)
@@ -76,8 +76,9 @@ class Nmea:
         return NmeaDecoder(unchecked)
 
 
-def _is_standard(sentence: Sentence) -> bool:
-    return sentence.talker != "P" and len(sentence.kind) == STANDARD
+def _is_read(sentence: Sentence) -> bool:
+    """Whether its kind is one of the standard's that the decoder reads."""
+    return sentence.talker != "P" and sentence.kind in READ_KINDS
 
 
 def _kinds(received: bytes) -> set[str]:

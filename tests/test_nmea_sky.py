@@ -86,6 +86,17 @@ def test_a_system_with_more_satellites_in_use_than_a_sentence_holds():
     assert used(sky(*both, *two, *both, two[1])) == {(3, 29)}
 
 
+@pytest.mark.parametrize(("period_s", "epochs"), [(0.1, 30), (1.0, 9)])
+def test_satellites_in_use_are_those_of_an_epoch_also_if_nothing_else_comes_between(period_s, epochs):
+    decoder = NmeaDecoder()
+    decoder.feed(line("GBGSV,1,1,04,07,50,100,30,08,20,200,25,29,50,100,30,30,20,200,25,1"), SECOND)
+    for k in range(epochs):
+        first = "07,08" if k < epochs // 3 else "08,"
+        two = (f"GNGSA,A,3,{first},,,,,,,,,,,1.7,1.0,1.3,4", "GNGSA,A,3,29,,,,,,,,,,,,1.7,1.0,1.3,4")
+        decoder.feed(b"".join(map(line, two)), SECOND + round(k * period_s * SECOND))
+    assert used(decoder.sky) == {(3, 8), (3, 29)}
+
+
 def test_satellites_of_navic_and_qzss_are_not_those_of_gps():
     reported = sky("GPGSV,1,1,01,04,50,100,30,1", "GIGSV,1,1,01,04,20,020,45,1", "QZGSV,1,1,01,02,60,030,40,1",
                    "GNGSA,A,3,04,,,,,,,,,,,,1.7,1.0,1.3,6")  # fmt: skip

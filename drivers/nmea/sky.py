@@ -22,6 +22,7 @@ IN_ONE = 4
 NUMBERS_END = 14  # where the numbers in GSA end
 UNKNOWN_DOP = 99.0
 NO_FIX = "1"  # mode of GSA
+GROUP_NS = 900_000_000  # in which the GSA of an epoch come, also at 4800 baud; the next epoch's come later
 LASTS_NS = 10_000_000_000  # for which a sentence counts; some receivers send one each fifth second
 
 
@@ -46,6 +47,7 @@ class SkyCollector:
         self._list_ns: int | None = None  # arrival of the last GSV that completed a list
         self._gsa_ns: int | None = None
         self._group: set[int] = set()  # the systems of the GSA that follow one another
+        self._group_ns = 0  # arrival of the first of them
         self._sky: Sky | None = Sky()
         self._readers: dict[str, Callable[[Sentence], None]] = {"GSV": self._gsv, "GSA": self._gsa}
 
@@ -87,6 +89,10 @@ class SkyCollector:
         named = SYSTEM_OF_GSA.get(s.field(18))
         system = system_of(s.talker, numbers[0] if numbers else 0) if named is None else named
         used = {(system_of(s.talker, n) if system == GPS else system, n) for n in numbers}
+        if s.arrival_ns - self._group_ns > GROUP_NS:
+            self._group.clear()
+        if not self._group:
+            self._group_ns = s.arrival_ns
         if system in self._group:  # more than one sentence holds
             used |= self._used[system][1]
         if numbers or s.talker != "GN" or named is not None or s.field(2) == NO_FIX:  # else it is not known of which

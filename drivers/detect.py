@@ -5,9 +5,10 @@ baud rates. Only a silent line is queried, by every driver at the baud rates tha
 unrecognised data is queried only if the user named a driver whose queries may interrupt a stream. All this is done in
 three rounds, since a device may be starting up. Late answers are waited for at the likeliest baud rate; at all baud
 rates in a fourth round, if any byte was received that was no answer. If there is nothing but a little garbage, it may
-be a device that sends so rarely that the right baud rate was silent: all are listened to once more, longer. A line on
-which a common protocol is recognised is listened to a little longer, in case the device also sends one of its own; of
-both, the one with its fixes counts.
+be a device that sends so rarely that the right baud rate was silent: those of NMEA, in which instruments send single
+sentences, are listened to once more, longer. That takes long: it is done once until the line is plugged in anew. A line
+on which a common protocol is recognised is listened to a little longer, in case the device also sends one of its own;
+of both, the one with its fixes counts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -62,15 +63,17 @@ class Activity:
         return best if best and len(best.received) >= DATA_MIN else None
 
 
-def search(spec: PortSpec, readonly: bool = False, last_baud: int = 0) -> Dialogue[Found | Finding]:
-    """The device on the port as the user named it, or why there is none; `last_baud` as in `detect`."""
+def search(
+    spec: PortSpec, readonly: bool = False, last_baud: int = 0, patient: bool = True
+) -> Dialogue[Found | Finding]:
+    """The device on the port as the user named it, or why there is none; `last_baud` and `patient` as in `detect`."""
     if spec.server:
         return detect_server()
     if spec.iio:
         return detect_iio()
     if spec.spi:
         return detect_spi(spec.driver, readonly)
-    return detect(spec.driver, spec.baud, readonly, last_baud)
+    return detect(spec.driver, spec.baud, readonly, last_baud, patient)
 
 
 def detect_server() -> Dialogue[Found | Finding]:
@@ -97,11 +100,16 @@ def detect_spi(driver: str | None = None, readonly: bool = False) -> Dialogue[Fo
 
 
 def detect(
-    driver: str | None = None, baud: int | None = None, readonly: bool = False, last_baud: int = 0
+    driver: str | None = None,
+    baud: int | None = None,
+    readonly: bool = False,
+    last_baud: int = 0,
+    patient: bool = True,
 ) -> Dialogue[Found | Finding]:
     """The device on the line, or why there is none; `driver` and `baud` as far as the user named them.
 
     readonly: only listen. last_baud: the speed at which a device was found here before, tried first; 0: none was.
+    patient: listen longer after a little garbage.
     """
     candidates = (by_name(driver),) if driver else drivers()
     speeds = {one.name: (baud,) if baud else _from(last_baud, one.bauds) for one in candidates}
@@ -135,10 +143,11 @@ def detect(
             last = data
             break
     last = last or activity.unrecognised(bauds)
-    if last is not None and last.is_sparse:
-        found = yield from _listen_longer(candidates, bauds)
+    if patient and last is not None and last.is_sparse:
+        rare = {baud for one in candidates if _sends_rarely(one) for baud in speeds[one.name]}
+        found = yield from _listen_longer(candidates, [baud for baud in bauds if baud in rare])
         if found is not None:
-            return found
+            return (yield from _of_protocols(candidates, found, readonly))
     return Silence(bauds, not readonly) if last is None else _of_another_driver(driver, last) or last
 
 
@@ -210,6 +219,11 @@ def _at_likeliest_speed(candidates: Sequence[AnyDriver], found: Found) -> Dialog
         return found
     received = yield from _listen(candidates, bauds[0])
     return _recognised(candidates, received, bauds[0]) or found
+
+
+def _sends_rarely(driver: AnyDriver) -> bool:
+    """Whether there are such devices: instruments that send single sentences. Sensors and native protocols do not."""
+    return driver.kind == "gnss" and not isinstance(driver, NativeProtocol)
 
 
 def _listen_longer(candidates: Sequence[AnyDriver], bauds: Sequence[int]) -> Dialogue[Found | None]:

@@ -295,6 +295,36 @@ def test_a_little_garbage_is_listened_to_longer_before_it_is_called_that():
     assert seconds["text"] < LISTEN_S * 10 + 1.0 < seconds["garbage"] < 38.0
 
 
+class Glitched(Speaker):
+    """30 bytes of garbage at plug-in; the device at its end, if any, starts up late, and sends by turns."""
+
+    def __init__(self, baud, *bursts):
+        super().__init__(baud, b"", 0.5, 12.0 if bursts else 1e9)
+        self.bursts = bursts
+
+    def pass_time(self, seconds):
+        before_s = self.now_s
+        if self.bursts and self.now_s + seconds >= self.next_s:
+            self.burst = self.bursts[int(self.next_s / self.period_s) % len(self.bursts)]
+        super().pass_time(seconds)
+        if before_s < 0.1 <= self.now_s:
+            self.outgoing += bytes(range(128, 158))
+
+
+def test_after_a_glitch_the_speeds_of_nmea_are_listened_to_longer_if_that_was_not_done_yet():
+    seconds = {}
+    for patient in (True, False):
+        found, seconds[patient] = run(detect(patient=patient), Glitched(9600))
+        assert isinstance(found, UnrecognisedData) and found.is_sparse
+    assert seconds[True] - seconds[False] == pytest.approx(2.3 * len(by_name("nmea").bauds), abs=0.3)
+
+
+def test_a_receiver_that_is_found_by_listening_longer_is_read_by_the_protocol_of_its_fixes():
+    found, seconds = run(detect(), Glitched(38400, BURST, ublox.ubx.pvt(Report(1.8e9, None))))
+    assert seconds > 12.0
+    assert (found.driver, found.baud) == ("ubx", 38400)
+
+
 @pytest.mark.parametrize("talker", ["GP", "BD", "II"])
 def test_sentences_without_checksums_are_called_that(talker):
     bare = f"${talker}GGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,\r\n"

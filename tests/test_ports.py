@@ -11,6 +11,7 @@ from imud.daemon.port_states import TRANSITIONS, PortEvent, PortState, next_stat
 from imud.drivers.dialogue import Exchange
 from imud.drivers.driver import Identity, ImuConfigured, Options
 from imud.drivers.errors import PortAbsentError, PortBusyError, PortDeniedError
+from imud.drivers.findings import Silence, UnrecognisedData
 from imud.drivers.transport.portspec import PortSpec
 from imud.errors import InputOutputError
 
@@ -91,6 +92,26 @@ def device(monkeypatch):
 
 def proceed(port):
     port.on_time(port.deadline_s)
+
+
+def test_a_little_garbage_is_listened_to_longer_once_each_time_the_line_is_plugged_in(device, monkeypatch):
+    patience = []
+
+    def search(spec, readonly, last_baud, patient):
+        patience.append(patient)
+        return answer(lambda: device.identity)
+
+    monkeypatch.setattr(ports, "search", search)
+    port = ports.Port(PortSpec.parse(PATH), Options(), Owner(), wait=True)
+    garbage = UnrecognisedData(bytes(range(128, 158)), 4800, (4800,))
+    for device.identity in (Silence((4800,), True), garbage, garbage):
+        proceed(port)
+        proceed(port)
+    device.absent = True
+    proceed(port)
+    device.absent = False
+    proceed(port)
+    assert patience == [True, True, False, True]
 
 
 PATHS = {  # how a port comes to a state

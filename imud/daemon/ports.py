@@ -80,6 +80,7 @@ class Port:
         self._line: Line | None = None
         self._dialogue: DialogueRunner[Any] | None = None
         self._line_warning = ""
+        self._is_patient = True  # has not listened longer since it was plugged in
         self._last_baud = 0  # at which a device was found here; 0: none yet
         self._on_result: Callable[[Any], None] = lambda result: None
         self._retry_s = _FIRST_RETRY_S
@@ -189,7 +190,7 @@ class Port:
             self._fail(str(error))
             if isinstance(error, PortAbsentError) and self.spec.server is None:
                 self.deadline_s = time.monotonic() + _ABSENT_RETRY_S
-                self._retry_s = _FIRST_RETRY_S
+                self._retry_s, self._is_patient = _FIRST_RETRY_S, True
             return
         self._enter(PortEvent.OPENED)
         self._owner.watch(self, self._line.fd)
@@ -199,7 +200,8 @@ class Port:
             return
         if self.description == _UNTRIED:
             self._describe("looking for a device")
-        self._run_dialogue(search(self.spec, self.options.readonly, self._last_baud), self._on_identified)
+        dialogue = search(self.spec, self.options.readonly, self._last_baud, self._is_patient)
+        self._run_dialogue(dialogue, self._on_identified)
 
     def _enter(self, event: PortEvent) -> None:
         self.state = next_state(self.state, event)
@@ -225,6 +227,8 @@ class Port:
             self._on_result(runner.result)
 
     def _on_identified(self, found: Identity | Unsupported | Finding) -> None:
+        if isinstance(found, UnrecognisedData) and found.is_sparse:
+            self._is_patient = False
         if not isinstance(found, Identity):
             self._fail(str(found), found.summary if isinstance(found, UnrecognisedData) else "")
             return
@@ -244,7 +248,7 @@ class Port:
         self.configured = configured
         self._last_baud = configured.identity.baud
         self.connects += 1
-        self._retry_s = _FIRST_RETRY_S
+        self._retry_s, self._is_patient = _FIRST_RETRY_S, True
         polled = isinstance(configured, ImuConfigured) and configured.request is not None
         self.deadline_s = time.monotonic() if polled else math.inf
         for warning in configured.warnings:

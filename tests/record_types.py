@@ -59,6 +59,7 @@ INS = {
     "CompassOffset": glr_tests.COMPASS_OFFSET,
     "Current": glr_tests.CURRENT,
     "GyroBiasStep": glr_tests.GYRO_BIAS_STEP,
+    "ImuBiasStep": glr_tests.IMU_BIAS_STEP,
     "LeverArmError": glr_tests.LEVER_ARM_ERROR,
     "Alignment": alignment.ALIGNMENT,
     "Barometer": aiding.BAROMETER,

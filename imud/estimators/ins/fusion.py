@@ -29,6 +29,7 @@ from .glr_tests.current import add_fix_to_current, add_to_current
 from .glr_tests.fault_sensitivity import predict_innovations, propagate_sensitivities, update_sensitivities
 from .glr_tests.gnss_drift import BY_WHEELS, add_to_drift
 from .glr_tests.gyro_bias_step import add_to_gyro_bias_step
+from .glr_tests.imu_bias_step import add_to_imu_bias_step
 from .glr_tests.lever_arm_error import add_to_lever_arm_error
 from .glr_tests.time_offset_step import add_to_time_offset_step
 from .glr_tests.velocity_drift import add_to_velocity_drift
@@ -124,6 +125,7 @@ def fix_update(
         add_to_lever_arm_error(p, c, z, s, r, axis)
         if gate != REJECT:
             add_to_gyro_bias_step(p, c, z, s, r, axis)
+            add_to_imu_bias_step(p, c, z, s, r, axis)
             add_fix_to_current(p, c, z, s, r, axis)
         add_to_velocity_drift(p, c, z, s, axis)
         add_to_compass_offset(p, c, z, s, axis)

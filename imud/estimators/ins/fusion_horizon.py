@@ -108,7 +108,7 @@ def store_snapshot(s: State) -> None:
     k.time_offset_step, k.gyro_bias_step = c.time_offset_step, c.gyro_bias_step
     k.velocity_drift, k.compass_offset, k.faults = c.velocity_drift, c.compass_offset, c.faults
     k.current, k.body_velocity = c.current, c.body_velocity
-    k.lever_arm_error = c.lever_arm_error
+    k.lever_arm_error, k.imu_bias_step = c.lever_arm_error, c.imu_bias_step
     s.snapshot_count += 1
 
 
@@ -133,7 +133,7 @@ def restore_snapshot(c: Core, k: Snapshot) -> None:
     c.time_offset_step, c.gyro_bias_step = k.time_offset_step, k.gyro_bias_step
     c.velocity_drift, c.compass_offset, c.faults = k.velocity_drift, k.compass_offset, k.faults
     c.current, c.body_velocity = k.current, k.body_velocity
-    c.lever_arm_error = k.lever_arm_error
+    c.lever_arm_error, c.imu_bias_step = k.lever_arm_error, k.imu_bias_step
 
 
 @kernel

@@ -42,6 +42,7 @@ from .glr_tests.gyro_bias_step import (
     interrupt_gyro_bias_step,
     reset_gyro_bias_step,
 )
+from .glr_tests.imu_bias_step import detect_imu_bias_step, explained_by_step_of, interrupt_imu_bias_step
 from .glr_tests.lever_arm_error import detect_lever_arm_error, explained_by_lever_arm_error, reset_lever_arm_error
 from .glr_tests.time_offset_step import (
     detect_time_offset_step,
@@ -58,7 +59,7 @@ from .integrity.frozen_receiver import (
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
-from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
+from .state import ATTITUDE, COARSE_ALIGNMENT, FORCES, NAVIGATING, NEVER_NS, RATES, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ..types import Fix, Innovation
@@ -193,10 +194,30 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
         interrupt_gyro_bias_step(c)
         return
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
+    of_all_axes = max(explained_by_step_of(p, c, RATES), explained_by_step_of(p, c, FORCES))
+    otherwise = max(otherwise, of_all_axes - p.tuning.imu_bias_step_excess)
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
     otherwise = max(otherwise, explained_by_drift_beside_wheels(p, c))
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
+        correct_state(p, c)
+        restart_in_motion_alignment(c)
+        reset_lever_arm_error(c)
+
+
+@kernel
+def check_imu_biases(p: Parameters, c: Core) -> None:
+    """Whether the biases of the accelerometers or of the gyros have stepped."""
+    departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
+    receiver_is_wrong = wheels_contradict(p, c) or c.drift.detected != 0
+    if c.alignment.mode != NAVIGATING or receiver_is_wrong or is_unconfirmed(c) or departing:
+        interrupt_imu_bias_step(c)
+        return
+    otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
+    otherwise = max(otherwise, explained_by_gyro_bias_step(p, c))
+    if counts_positions(p, c):
+        otherwise = max(otherwise, explained_by_drift(p, c))
+    if detect_imu_bias_step(p, c, max(otherwise, explained_by_drift_beside_wheels(p, c))):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_lever_arm_error(c)
@@ -255,6 +276,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     check_lever_arm(p, c)
     check_time_offset(p, c)
     check_gyro_bias(p, c)
+    check_imu_biases(p, c)
     decay_reset_score(p, c)
     if heading_ok and c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)

@@ -77,6 +77,7 @@ NEVER = {  # records of the core: their times that begin as NEVER_NS
     "drift": ("onset_ns",),
     "time_offset_step": ("onset_ns",),
     "gyro_bias_step": ("onset_ns",),
+    "imu_bias_step": ("onset_ns",),
     "velocity_drift": ("onset_ns",),
     "compass_offset": ("onset_ns",),
     "heading_aid": ("last_ns", "last_used_ns", "agreeing_ns", "off_ns"),

@@ -188,6 +188,7 @@ def state_variances(p: Parameters, c: Core) -> None:
         changed |= (bg != stated[GYRO_BIAS + i]) | (ba != stated[ACCEL_BIAS + i])
         stated[POSITION + i], stated[VELOCITY + i], stated[GYRO_BIAS + i], stated[ACCEL_BIAS + i] = p2, v2, bg, ba
         stated[ATTITUDE + i] = inflation * variance(c, ATTITUDE + i) + added_by_time_offset(c, ATTITUDE + i)
+        stated[ATTITUDE + i] += c.imu_bias_step.attitude_variance[i]
     stated[ATTITUDE + 2] += (
         c.gyro_bias_step.heading_variance
         + c.velocity_drift.heading_variance

@@ -37,6 +37,7 @@ POSITION_AXIS, VELOCITY_AXIS = 0, 2  # of a GNSS position and velocity north; + 
 OTHER_AXIS, HEADING_AXIS, COMPASS_AXIS = -1, -2, -3  # none of these, a heading, one of the heading source
 CONSTRAINT_AXIS = -4  # of the non-holonomic constraint
 BODY_VELOCITY_AXIS = -5  # of another system, in its own axes
+DOWN_VELOCITY_AXIS = -6  # of a GNSS velocity
 HEADING_BORESIGHT, VELOCITY_BORESIGHT, BORESIGHTS = 0, 1, 4  # error states beside P: see `boresights`
 # places in small arrays
 HORIZONTAL, VERTICAL = 0, 1  # of what a receiver's position has
@@ -50,12 +51,13 @@ IMU_RING = 4096  # samples kept: 2 s at the highest rate
 SNAPSHOTS = 64
 SNAPSHOT_NS = 50_000_000
 GYRO_BIAS_ONSETS = 4  # times at which the gyro bias may have stepped
+IMU_BIAS_ONSETS, IMU_BIAS_HYPOTHESES = 3, 6  # the same of all biases; these times the two sensors
 CHORD_POINTS = 33  # of the comparison of a receiver's velocity with its positions
 ONSETS = 3  # times at which the receiver may have begun to drift
 # columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`; the last is empty, as rows of whole vectors
 # of four are faster
-DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, CURRENT_FAULT = 0, 6, 7, 11, 12
-VELOCITY_DRIFT_FAULT, FAULTS = 14, 24
+DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, IMU_STEP_FAULT = 0, 6, 7, 11, 12
+CURRENT_FAULT, VELOCITY_DRIFT_FAULT, FAULTS = 30, 32, 44
 LEVER_ARM_FAULT = VELOCITY_DRIFT_FAULT  # where there are no wheels
 AIDING_RING = 256  # measurements kept: 2 s of sources of 100 Hz
 AGES, NO_AGE, AGE_STEP_NS = 21, 5, 100_000_000  # ages of a source: -0.5 to 1.5 s; which of them is none

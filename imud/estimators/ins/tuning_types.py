@@ -365,6 +365,12 @@ class Tuning:
     gyro_bias_step_share: float
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
+    imu_bias_step_chi2: float
+    likely_imu_bias_step_chi2: float
+    imu_bias_step_excess: float
+    imu_bias_step_share: float
+    imu_bias_onset_s: float
+    imu_bias_quiet_chi2: float
     lever_arm_error_chi2: float
     min_lever_arm_error: float
     lever_arm_error_share: float

@@ -403,6 +403,15 @@ class GyroBiasStep:
     count: Reals
 
 
+class ImuBiasStep:
+    attitude_variance: Reals
+    onset_ns: Integers
+    energy: Reals
+    count: Reals
+    information: Tensor
+    vector: Tensor
+
+
 class LeverArmError:
     onset_ns: int
     vector: Reals
@@ -647,6 +656,7 @@ class Snapshot:
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
+    imu_bias_step: ImuBiasStep
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
     current: Current
@@ -681,6 +691,7 @@ class Core:
     drift: Drift
     time_offset_step: TimeOffsetStep
     gyro_bias_step: GyroBiasStep
+    imu_bias_step: ImuBiasStep
     velocity_drift: VelocityDrift
     compass_offset: CompassOffset
     current: Current

@@ -23,12 +23,12 @@ from ..fusion import REJECT, correct_state, fix_update, write_innovation
 from ..lever_arm import antenna_velocity, attitude_row, gyro_bias_row
 from ..state import (
     ATTITUDE,
+    DOWN_VELOCITY_AXIS,
     GNSS_LEVER_ARM,
     GNSS_VELOCITY_BIAS,
     GYRO_BIAS,
     NAVIGATING,
     NEVER_NS,
-    OTHER_AXIS,
     TIME_OFFSET,
     VELOCITY,
     VELOCITY_AXIS,
@@ -151,7 +151,7 @@ def fuse_gnss_velocity(p: Parameters, c: Core, fix: Fix, innovations: list[Innov
         ratio2 = p.tuning.vertical_ratio**2 if i == 2 else 1.0  # of the variances, as for the position
         r = velocity_variance(p, c, slow, ratio2, fix.sigma_v[i]) + second_order_of_time(c, i) ** 2
         length = velocity_jacobian(c, i)
-        z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else OTHER_AXIS)
+        z, s, nis = fix_update(p, c, length, z, r, gate, VELOCITY_AXIS + i if i < 2 else DOWN_VELOCITY_AXIS)
         used = nis >= 0.0
         if used and slow == 0.0:
             learn_velocity_noise(p, c, nis)

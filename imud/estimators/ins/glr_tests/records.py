@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..state import BORESIGHTS, FAULTS, GYRO_BIAS_ONSETS, ONSETS, STATES
+from ..state import BORESIGHTS, FAULTS, GYRO_BIAS_ONSETS, IMU_BIAS_HYPOTHESES, IMU_BIAS_ONSETS, ONSETS, STATES
 
 FAULT_SENSITIVITIES = np.dtype(
     [
@@ -113,6 +113,18 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
         ("vector", "<f8", (GYRO_BIAS_ONSETS,)),  # s/rad, information times step
         ("energy", "<f8", (GYRO_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (GYRO_BIAS_ONSETS,)),  # number of these
+    ],
+    align=True,
+)
+
+IMU_BIAS_STEP = np.dtype(  # the test for a step of the biases of accelerometers or gyros (GLR)
+    [
+        ("attitude_variance", "<f8", (3,)),  # rad^2, beyond P: of a step that is likely but not detected
+        ("onset_ns", "<i8", (IMU_BIAS_ONSETS,)),
+        ("energy", "<f8", (IMU_BIAS_ONSETS,)),  # sum of the normalised innovations squared
+        ("count", "<f8", (IMU_BIAS_ONSETS,)),  # number of these
+        ("information", "<f8", (IMU_BIAS_HYPOTHESES, 6)),  # of the step: xx, xy, xz, yy, yz, zz
+        ("vector", "<f8", (IMU_BIAS_HYPOTHESES, 3)),  # information times step
     ],
     align=True,
 )

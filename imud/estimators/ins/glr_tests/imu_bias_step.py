@@ -1,0 +1,228 @@
+"""GLR test for a step of the biases of the accelerometers, or of those of the gyros, on all three axes.
+
+A blow, a change of temperature, or vibration that a sensor rectifies changes biases whose variances are small. The
+receiver's velocities then tilt the estimate instead, and after a turn the tilt is wrong. A step d since an onset is a
+fault of `fault_sensitivity`, whose chi-square, over the mean square of the residuals, decides. All three components of
+a velocity count, and positions as in `gyro_bias_step`, whose test about the vertical alone sees smaller steps. The
+prior of d is that of the biases at switch-on.
+
+A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j. The first onset follows the newest fix
+as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
+to `imu_bias_onset_s` old, the third up to four times that; where it is too old, it becomes the second one.
+
+A step has to explain more by `imu_bias_step_excess` than one of the other sensor or another cause. When it is detected,
+the fault is removed with sigma = `imu_bias_step_share` |d| on each axis. While a step is likely but not detected, the
+solution adds the squares of what it does to the attitude to the stated variances.
+
+Source: as `fault_sensitivity`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ....compile.jit import kernel
+from ...tuning import Tunable
+from ..state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    DOWN_VELOCITY_AXIS,
+    GYRO_BIAS,
+    IMU_BIAS_HYPOTHESES,
+    IMU_BIAS_ONSETS,
+    IMU_STEP_FAULT,
+    NEVER_NS,
+    RATES,
+    VELOCITY_AXIS,
+)
+from .fault_sensitivity import copy_column, open_column, remove_fault, set_sensitivity
+from .gyro_bias_step import weight_of
+
+if TYPE_CHECKING:
+    from ..types import Core, Parameters
+
+TUNABLES = (
+    Tunable("imu_bias_step_chi2", 25.0, "", "Chi-square (3 degrees of freedom) that proves a step.", "Once in 65000."),
+    Tunable(
+        "likely_imu_bias_step_chi2",
+        8.0,
+        "",
+        "Chi-square from which what a step does to the attitude is part of the stated sigma.",
+        "Once in twenty.",
+    ),
+    Tunable(
+        "imu_bias_step_excess",
+        4.0,
+        "",
+        "By how much more of the sum of squares a step has to explain than another cause.",
+        "Akaike: two for each of the two unknowns more than the other causes have.",
+    ),
+    Tunable("imu_bias_step_share", 0.5, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
+    Tunable(
+        "imu_bias_onset_s",
+        12.0,
+        "s",
+        "Longest age of the first two onsets; that of the third is four times as long.",
+        "As of the gyro bias about the vertical.",
+    ),
+    Tunable("imu_bias_quiet_chi2", 3.0, "", "Chi-square below which nothing shows since the first onset.", "Its mean."),
+)
+
+
+@kernel
+def interrupt_imu_bias_step(c: Core) -> None:
+    """Forget the onsets, and what a likely step does."""
+    for j in range(IMU_BIAS_ONSETS):
+        c.imu_bias_step.onset_ns[j] = NEVER_NS
+    clear_stated(c)
+
+
+@kernel
+def clear_stated(c: Core) -> None:
+    """No step is likely."""
+    for i in range(3):
+        c.imu_bias_step.attitude_variance[i] = 0.0
+
+
+@kernel
+def open_imu_bias_step(c: Core, j: int) -> None:
+    """Onset j is now."""
+    g = c.imu_bias_step
+    g.onset_ns[j] = c.nav.t_ns
+    g.energy[j] = g.count[j] = 0.0
+    for h in range(2 * j, 2 * j + 2):
+        bias = GYRO_BIAS if h % 2 == RATES else ACCEL_BIAS
+        for i in range(6):
+            g.information[h, i] = 0.0
+        for i in range(3):
+            g.vector[h, i] = 0.0
+            open_column(c, IMU_STEP_FAULT + 3 * h + i)
+            set_sensitivity(c, bias + i, IMU_STEP_FAULT + 3 * h + i, -1.0)
+
+
+@kernel
+def add_to_imu_bias_step(p: Parameters, c: Core, z: float, s: float, r: float, axis: int) -> None:
+    """Add an innovation z of variance s of a fix to the sums; call before its update. The rest: see `weight_of`."""
+    g, mean = c.imu_bias_step, c.scratch.fault_innovation
+    weight = weight_of(p, c, s, r, VELOCITY_AXIS if axis == DOWN_VELOCITY_AXIS else axis)
+    if weight == 0.0:
+        return
+    for h in range(IMU_BIAS_HYPOTHESES):
+        first, k = IMU_STEP_FAULT + 3 * h, 0
+        for i in range(3):
+            scaled = weight * mean[first + i] / s
+            g.vector[h, i] += scaled * z
+            for n in range(i, 3):
+                g.information[h, k] += scaled * mean[first + n]
+                k += 1
+    for j in range(IMU_BIAS_ONSETS):
+        g.energy[j] += weight * z * z / s
+        g.count[j] += weight
+
+
+@kernel
+def estimate_imu_bias_step(p: Parameters, c: Core, h: int) -> tuple[float, float, float, float, float]:
+    """The step of hypothesis h (body axes; rad/s or m/s^2), chi-square, and the sum of squares that it explains."""
+    g, prior = c.imu_bias_step, 1.0 / (p.gyro_bias_sigma if h % 2 == RATES else p.accel_bias_sigma) ** 2
+    energy, count = g.energy[h // 2], g.count[h // 2]
+    if not count > 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    m, v = g.information[h], g.vector[h]
+    xx, xy, xz, yy, yz, zz = m[0] + prior, m[1], m[2], m[3] + prior, m[4], m[5] + prior
+    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy  # cofactors
+    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    scale = 1.0 / (xx * cxx + xy * cxy + xz * cxz)
+    x = scale * (cxx * v[0] + cxy * v[1] + cxz * v[2])
+    y = scale * (cxy * v[0] + cyy * v[1] + cyz * v[2])
+    z = scale * (cxz * v[0] + cyz * v[1] + czz * v[2])
+    explained = x * v[0] + y * v[1] + z * v[2]
+    return x, y, z, explained / max((energy - explained) / max(count - 3.0, 1.0), 1.0), explained
+
+
+@kernel
+def explained_by_step_of(p: Parameters, c: Core, sensor: int) -> float:
+    """Most of the sum of the normalised innovations squared that a step of this sensor (RATES, FORCES) explains."""
+    most = 0.0
+    for j in range(IMU_BIAS_ONSETS):
+        if c.imu_bias_step.onset_ns[j] != NEVER_NS:
+            most = max(most, estimate_imu_bias_step(p, c, 2 * j + sensor)[4])
+    return most
+
+
+@kernel
+def copy_second_onset(c: Core) -> None:
+    """The third onset becomes the second one, with what was summed since."""
+    g = c.imu_bias_step
+    g.onset_ns[2], g.energy[2], g.count[2] = g.onset_ns[1], g.energy[1], g.count[1]
+    for h in range(2, 4):
+        for i in range(6):
+            g.information[h + 2, i] = g.information[h, i]
+        for i in range(3):
+            g.vector[h + 2, i] = g.vector[h, i]
+            copy_column(c, IMU_STEP_FAULT + 3 * h + i, IMU_STEP_FAULT + 3 * (h + 2) + i)
+
+
+@kernel
+def renew_imu_bias_onsets(p: Parameters, c: Core) -> None:
+    """Open the onsets that are too old anew, and the first one also while nothing shows since it."""
+    g, longest_ns = c.imu_bias_step, int(1e9 * p.tuning.imu_bias_onset_s)
+    if g.onset_ns[0] == NEVER_NS:
+        for j in range(IMU_BIAS_ONSETS):
+            open_imu_bias_step(c, j)
+    if c.nav.t_ns - g.onset_ns[2] >= 4 * longest_ns:
+        copy_second_onset(c)
+    if c.nav.t_ns - g.onset_ns[1] >= longest_ns:
+        open_imu_bias_step(c, 1)
+    shown = max(estimate_imu_bias_step(p, c, 0)[3], estimate_imu_bias_step(p, c, 1)[3])
+    if shown < p.tuning.imu_bias_quiet_chi2 or c.nav.t_ns - g.onset_ns[0] >= longest_ns:
+        open_imu_bias_step(c, 0)
+
+
+@kernel
+def state_likely_steps(p: Parameters, c: Core) -> None:
+    """Store what the likely steps add to the variances of the attitude."""
+    clear_stated(c)
+    stated, V = c.imu_bias_step.attitude_variance, c.faults.sensitivity
+    for h in range(IMU_BIAS_HYPOTHESES):
+        x, y, z, chi2, _ = estimate_imu_bias_step(p, c, h)
+        if chi2 > p.tuning.likely_imu_bias_step_chi2:
+            k = IMU_STEP_FAULT + 3 * h
+            for i in range(3):
+                row = V[ATTITUDE + i]
+                turned = row[k] * x + row[k + 1] * y + row[k + 2] * z
+                stated[i] = max(stated[i], turned * turned)
+
+
+@kernel
+def most_likely_hypothesis(p: Parameters, c: Core) -> int:
+    """The hypothesis with the largest chi-square."""
+    best, most = 0, 0.0
+    for h in range(IMU_BIAS_HYPOTHESES):
+        chi2 = estimate_imu_bias_step(p, c, h)[3]
+        if chi2 > most:
+            best, most = h, chi2
+    return best
+
+
+@kernel
+def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> bool:
+    """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected.
+
+    explained_otherwise: sum of the normalised innovations squared that another cause explains.
+    """
+    renew_imu_bias_onsets(p, c)
+    state_likely_steps(p, c)
+    h = most_likely_hypothesis(p, c)
+    x, y, z, chi2, explained = estimate_imu_bias_step(p, c, h)
+    otherwise = max(explained_otherwise, explained_by_step_of(p, c, 1 - h % 2))
+    if chi2 <= p.tuning.imu_bias_step_chi2 or explained <= otherwise + p.tuning.imu_bias_step_excess:
+        return False
+    sigma, k = p.tuning.imu_bias_step_share * math.sqrt(x * x + y * y + z * z), IMU_STEP_FAULT + 3 * h
+    remove_fault(c, k, x, sigma)
+    remove_fault(c, k + 1, y, sigma)
+    remove_fault(c, k + 2, z, sigma)
+    clear_stated(c)
+    for j in range(IMU_BIAS_ONSETS):
+        open_imu_bias_step(c, j)
+    return True

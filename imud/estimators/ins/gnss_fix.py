@@ -145,6 +145,7 @@ def check_drift(p: Parameters, c: Core) -> None:
         )
         if detect_velocity_drift(p, c, otherwise) > 0.0:
             correct_state(p, c)
+            interrupt_imu_bias_step(c)
             reject_by_wheels(c)
 
 
@@ -168,6 +169,7 @@ def check_lever_arm(p: Parameters, c: Core) -> None:
     if detect_lever_arm_error(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
+        interrupt_imu_bias_step(c)
 
 
 @kernel
@@ -181,6 +183,7 @@ def check_time_offset(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
+        interrupt_imu_bias_step(c)
         reset_lever_arm_error(c)
 
 
@@ -202,6 +205,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
+        interrupt_imu_bias_step(c)
         reset_lever_arm_error(c)
 
 

@@ -405,6 +405,7 @@ class GyroBiasStep:
 
 class ImuBiasStep:
     attitude_variance: Reals
+    proofs: int
     onset_ns: Integers
     energy: Reals
     count: Reals

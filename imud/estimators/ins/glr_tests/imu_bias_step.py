@@ -10,9 +10,9 @@ A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j.
 as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
 to `imu_bias_onset_s` old, the third up to four times that; where it is too old, it becomes the second one.
 
-A step has to explain more by `imu_bias_step_excess` than one of the other sensor or another cause. When it is detected,
-the fault is removed with sigma = `imu_bias_step_share` |d| on each axis. While a step is likely but not detected, the
-solution adds the squares of what it does to the attitude to the stated variances.
+A step has to explain more by `imu_bias_step_excess` than one of the other sensor or another cause, at
+`imu_bias_step_proofs` fixes in a row. It is then removed, with sigma = `imu_bias_step_share` |d| on each axis. While a
+step is likely but not detected, the solution adds the squares of what it does to the attitude to the stated variances.
 
 Source: as `fault_sensitivity`.
 """
@@ -58,6 +58,13 @@ TUNABLES = (
         "By how much more of the sum of squares a step has to explain than another cause.",
         "Akaike: two for each of the two unknowns more than the other causes have.",
     ),
+    Tunable(
+        "imu_bias_step_proofs",
+        2,
+        "fixes",
+        "So many fixes in a row after which a step is proven, until it is removed.",
+        "One may be an outlier, or a departure with a wrong heading.",
+    ),
     Tunable("imu_bias_step_share", 0.5, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(
         "imu_bias_onset_s",
@@ -75,12 +82,13 @@ def interrupt_imu_bias_step(c: Core) -> None:
     """Forget the onsets, and what a likely step does."""
     for j in range(IMU_BIAS_ONSETS):
         c.imu_bias_step.onset_ns[j] = NEVER_NS
-    clear_stated(c)
+    clear_conclusions(c)
 
 
 @kernel
-def clear_stated(c: Core) -> None:
-    """No step is likely."""
+def clear_conclusions(c: Core) -> None:
+    """No step is likely or proven."""
+    c.imu_bias_step.proofs = 0
     for i in range(3):
         c.imu_bias_step.attitude_variance[i] = 0.0
 
@@ -182,8 +190,9 @@ def renew_imu_bias_onsets(p: Parameters, c: Core) -> None:
 @kernel
 def state_likely_steps(p: Parameters, c: Core) -> None:
     """Store what the likely steps add to the variances of the attitude."""
-    clear_stated(c)
     stated, V = c.imu_bias_step.attitude_variance, c.faults.sensitivity
+    for i in range(3):
+        stated[i] = 0.0
     for h in range(IMU_BIAS_HYPOTHESES):
         x, y, z, chi2, _ = estimate_imu_bias_step(p, c, h)
         if chi2 > p.tuning.likely_imu_bias_step_chi2:
@@ -211,18 +220,21 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
 
     explained_otherwise: sum of the normalised innovations squared that another cause explains.
     """
+    g = c.imu_bias_step
     renew_imu_bias_onsets(p, c)
     state_likely_steps(p, c)
     h = most_likely_hypothesis(p, c)
     x, y, z, chi2, explained = estimate_imu_bias_step(p, c, h)
     otherwise = max(explained_otherwise, explained_by_step_of(p, c, 1 - h % 2))
-    if chi2 <= p.tuning.imu_bias_step_chi2 or explained <= otherwise + p.tuning.imu_bias_step_excess:
+    proven = chi2 > p.tuning.imu_bias_step_chi2 and explained > otherwise + p.tuning.imu_bias_step_excess
+    g.proofs = g.proofs + 1 if proven else 0
+    if g.proofs < p.tuning.imu_bias_step_proofs:
         return False
     sigma, k = p.tuning.imu_bias_step_share * math.sqrt(x * x + y * y + z * z), IMU_STEP_FAULT + 3 * h
     remove_fault(c, k, x, sigma)
     remove_fault(c, k + 1, y, sigma)
     remove_fault(c, k + 2, z, sigma)
-    clear_stated(c)
+    clear_conclusions(c)
     for j in range(IMU_BIAS_ONSETS):
         open_imu_bias_step(c, j)
     return True

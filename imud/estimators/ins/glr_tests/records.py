@@ -120,6 +120,7 @@ GYRO_BIAS_STEP = np.dtype(  # the test for a step of the gyro bias about the ver
 IMU_BIAS_STEP = np.dtype(  # the test for a step of the biases of accelerometers or gyros (GLR)
     [
         ("attitude_variance", "<f8", (3,)),  # rad^2, beyond P: of a step that is likely but not detected
+        ("proofs", "<i8"),  # fixes in a row after which a step was proven
         ("onset_ns", "<i8", (IMU_BIAS_ONSETS,)),
         ("energy", "<f8", (IMU_BIAS_ONSETS,)),  # sum of the normalised innovations squared
         ("count", "<f8", (IMU_BIAS_ONSETS,)),  # number of these

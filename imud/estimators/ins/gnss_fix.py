@@ -42,7 +42,7 @@ from .glr_tests.gyro_bias_step import (
     interrupt_gyro_bias_step,
     reset_gyro_bias_step,
 )
-from .glr_tests.imu_bias_step import detect_imu_bias_step, explained_by_step_of, interrupt_imu_bias_step
+from .glr_tests.imu_bias_step import detect_imu_bias_step, explained_by_imu_bias_step, interrupt_imu_bias_step
 from .glr_tests.lever_arm_error import detect_lever_arm_error, explained_by_lever_arm_error, reset_lever_arm_error
 from .glr_tests.time_offset_step import (
     detect_time_offset_step,
@@ -59,7 +59,7 @@ from .integrity.frozen_receiver import (
 from .integrity.heading_monitor import monitor_heading
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
-from .state import ATTITUDE, COARSE_ALIGNMENT, FORCES, NAVIGATING, NEVER_NS, RATES, VELOCITY_TIME_OFFSET
+from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ..types import Fix, Innovation
@@ -179,7 +179,9 @@ def check_time_offset(p: Parameters, c: Core) -> None:
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain or departing:
         reset_time_offset_step(c)
-    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c, explained_by_drift_beside_wheels(p, c)):
+    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(
+        p, c, max(explained_by_drift_beside_wheels(p, c), explained_by_imu_bias_step(p, c))
+    ):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
@@ -197,8 +199,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
         interrupt_gyro_bias_step(c)
         return
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
-    of_all_axes = max(explained_by_step_of(p, c, RATES), explained_by_step_of(p, c, FORCES))
-    otherwise = max(otherwise, of_all_axes - p.tuning.imu_bias_step_excess)
+    otherwise = max(otherwise, explained_by_imu_bias_step(p, c) - p.tuning.imu_bias_step_excess)
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
     otherwise = max(otherwise, explained_by_drift_beside_wheels(p, c))

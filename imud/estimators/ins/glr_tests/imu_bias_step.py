@@ -28,6 +28,7 @@ from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
     DOWN_VELOCITY_AXIS,
+    FORCES,
     GYRO_BIAS,
     IMU_BIAS_HYPOTHESES,
     IMU_BIAS_ONSETS,
@@ -57,6 +58,13 @@ TUNABLES = (
         "",
         "By how much more of the sum of squares a step has to explain than another cause.",
         "Akaike: two for each of the two unknowns more than the other causes have.",
+    ),
+    Tunable(
+        "imu_bias_step_residual",
+        3.0,
+        "",
+        "Largest mean square of what a step leaves unexplained, in variances: more comes of another step.",
+        "Choice.",
     ),
     Tunable(
         "imu_bias_step_proofs",
@@ -131,7 +139,9 @@ def add_to_imu_bias_step(p: Parameters, c: Core, z: float, s: float, r: float, a
 
 @kernel
 def estimate_imu_bias_step(p: Parameters, c: Core, h: int) -> tuple[float, float, float, float, float]:
-    """The step of hypothesis h (body axes; rad/s or m/s^2), chi-square, and the sum of squares that it explains."""
+    """The step of hypothesis h (body axes; rad/s or m/s^2), the sum of squares that it explains, the mean square of the
+    rest.
+    """
     g, prior = c.imu_bias_step, 1.0 / (p.gyro_bias_sigma if h % 2 == RATES else p.accel_bias_sigma) ** 2
     energy, count = g.energy[h // 2], g.count[h // 2]
     if not count > 0.0:
@@ -145,7 +155,7 @@ def estimate_imu_bias_step(p: Parameters, c: Core, h: int) -> tuple[float, float
     y = scale * (cxy * v[0] + cyy * v[1] + cyz * v[2])
     z = scale * (cxz * v[0] + cyz * v[1] + czz * v[2])
     explained = x * v[0] + y * v[1] + z * v[2]
-    return x, y, z, explained / max((energy - explained) / max(count - 3.0, 1.0), 1.0), explained
+    return x, y, z, explained, (energy - explained) / max(count - 3.0, 1.0)
 
 
 @kernel
@@ -154,8 +164,14 @@ def explained_by_step_of(p: Parameters, c: Core, sensor: int) -> float:
     most = 0.0
     for j in range(IMU_BIAS_ONSETS):
         if c.imu_bias_step.onset_ns[j] != NEVER_NS:
-            most = max(most, estimate_imu_bias_step(p, c, 2 * j + sensor)[4])
+            most = max(most, estimate_imu_bias_step(p, c, 2 * j + sensor)[3])
     return most
+
+
+@kernel
+def explained_by_imu_bias_step(p: Parameters, c: Core) -> float:
+    """Most of that sum that a step of either sensor explains."""
+    return max(explained_by_step_of(p, c, RATES), explained_by_step_of(p, c, FORCES))
 
 
 @kernel
@@ -194,8 +210,8 @@ def state_likely_steps(p: Parameters, c: Core) -> None:
     for i in range(3):
         stated[i] = 0.0
     for h in range(IMU_BIAS_HYPOTHESES):
-        x, y, z, chi2, _ = estimate_imu_bias_step(p, c, h)
-        if chi2 > p.tuning.likely_imu_bias_step_chi2:
+        x, y, z, explained, residual = estimate_imu_bias_step(p, c, h)
+        if explained > max(residual, 1.0) * p.tuning.likely_imu_bias_step_chi2:
             k = IMU_STEP_FAULT + 3 * h
             for i in range(3):
                 row = V[ATTITUDE + i]
@@ -208,9 +224,9 @@ def most_likely_hypothesis(p: Parameters, c: Core) -> int:
     """The hypothesis with the largest chi-square."""
     best, most = 0, 0.0
     for h in range(IMU_BIAS_HYPOTHESES):
-        chi2 = estimate_imu_bias_step(p, c, h)[3]
-        if chi2 > most:
-            best, most = h, chi2
+        _, _, _, explained, residual = estimate_imu_bias_step(p, c, h)
+        if explained > max(residual, 1.0) * most:
+            best, most = h, explained / max(residual, 1.0)
     return best
 
 
@@ -224,9 +240,10 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
     renew_imu_bias_onsets(p, c)
     state_likely_steps(p, c)
     h = most_likely_hypothesis(p, c)
-    x, y, z, chi2, explained = estimate_imu_bias_step(p, c, h)
+    x, y, z, explained, residual = estimate_imu_bias_step(p, c, h)
     otherwise = max(explained_otherwise, explained_by_step_of(p, c, 1 - h % 2))
-    proven = chi2 > p.tuning.imu_bias_step_chi2 and explained > otherwise + p.tuning.imu_bias_step_excess
+    proven = explained > max(p.tuning.imu_bias_step_chi2, otherwise + p.tuning.imu_bias_step_excess)
+    proven = proven and residual < p.tuning.imu_bias_step_residual
     g.proofs = g.proofs + 1 if proven else 0
     if g.proofs < p.tuning.imu_bias_step_proofs:
         return False

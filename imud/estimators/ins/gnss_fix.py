@@ -179,9 +179,7 @@ def check_time_offset(p: Parameters, c: Core) -> None:
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain or departing:
         reset_time_offset_step(c)
-    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(
-        p, c, max(explained_by_drift_beside_wheels(p, c), explained_by_imu_bias_step(p, c))
-    ):
+    elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c, explained_by_drift_beside_wheels(p, c)):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)

@@ -242,7 +242,9 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
     h = most_likely_hypothesis(p, c)
     x, y, z, explained, residual = estimate_imu_bias_step(p, c, h)
     otherwise = max(explained_otherwise, explained_by_step_of(p, c, 1 - h % 2))
-    proven = explained > max(p.tuning.imu_bias_step_chi2, otherwise + p.tuning.imu_bias_step_excess)
+    proven = explained > max(
+        max(residual, 1.0) * p.tuning.imu_bias_step_chi2, otherwise + p.tuning.imu_bias_step_excess
+    )
     proven = proven and residual < p.tuning.imu_bias_step_residual
     g.proofs = g.proofs + 1 if proven else 0
     if g.proofs < p.tuning.imu_bias_step_proofs:

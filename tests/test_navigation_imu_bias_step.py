@@ -1,0 +1,93 @@
+"""Biases of the accelerometers or the gyros that step under way: the tilt stays right or is stated less sure."""
+
+import numpy as np
+import pytest
+from navigation_runner import navigate, settings_of
+from navigation_simulation import Later, drive, errors, received, sensed
+from replay_in_process import new_filter
+
+from imud.batch import play
+from imud.estimators.ins.state import NEVER_NS
+
+RATE, BEGIN_S = 100, 90.0
+DRIVE = Later(drive, 180.0, speed=12.0)
+OFF = 1e9
+BLIND = {"imu_bias_step_chi2": OFF, "likely_imu_bias_step_chi2": OFF}
+G = 9.80665
+
+
+def sensed_with_step(seed, name, step):
+    """(Drive, SAMPLE rows, FIX rows): from 90 s on the rates (w) or forces (f) of a drive are off by `step` (3,)."""
+    d, rng = DRIVE, np.random.default_rng(seed)
+    samples = sensed(d, rng)
+    samples[name][int(BEGIN_S * RATE) :] += step
+    return d, samples, received(d, rng, every=0.5, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
+
+
+def run(seed, name, step, tuning=None):
+    """(tilt errors, deg; SOLUTION rows) from the step on."""
+    d, samples, fixes = sensed_with_step(seed, name, step)
+    out, begin = navigate(samples, fixes, settings_of("free", tuning=tuning))[0], int(BEGIN_S * RATE)
+    return np.degrees(np.hypot(*errors(d, out)[2][begin:, :2].T)), out[begin:]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        ("f", (0.08 * G, 0.0, 0.0)),
+        ("f", (0.04 * G, 0.0, 0.0)),
+        ("w", (np.radians(1.0), 0.0, 0.0)),
+        ("w", (0.0, np.radians(1.0), 0.0)),
+    ],
+    ids=["80 mg ahead", "40 mg ahead", "1 deg/s of roll", "1 deg/s of pitch"],
+)
+def test_a_step_is_found_and_the_tilt_is_right_again(name, step):
+    found, blind = ([run(seed, name, step, tuning) for seed in range(3)] for tuning in (None, BLIND))
+    mean, mean_blind = (np.mean([np.sqrt(np.mean(tilt**2)) for tilt, _ in runs]) for runs in (found, blind))
+    assert mean < 0.3 * mean_blind
+    for tilt, out in found:
+        assert tilt[int(40 * RATE) :].max() < 1.0
+        bias = out["ba" if name == "f" else "bg"]
+        assert bias[-1] - bias[0] == pytest.approx(step, abs=0.1 * max(step))
+
+
+def test_without_a_step_none_is_detected():
+    none = (0.0, 0.0, 0.0)
+    tilt, _ = run(4, "f", none)
+    blind, _ = run(4, "f", none, {"imu_bias_step_chi2": OFF})
+    np.testing.assert_array_equal(tilt, blind)
+
+
+def test_a_likely_step_is_part_of_the_stated_sigma():
+    step = (0.05 * G, 0.0, 0.0)
+    stated, silent = (
+        run(0, "f", step, {"imu_bias_step_chi2": OFF, "likely_imu_bias_step_chi2": least})[1]["sigma_rpy"][:, :2]
+        for least in (8.0, OFF)
+    )
+    assert (stated >= silent).all()
+    assert (stated > 1.5 * silent).any()
+
+
+def onset_ages(samples, fixes):
+    """Ages of the three onsets, s, in each second in which all are open."""
+    filter_ = new_filter("navigation", samples, settings_of("free", tuning=BLIND))
+    ages = []
+
+    def look(t_ns):
+        onsets = filter_.state["core"][0, 0]["imu_bias_step"]["onset_ns"]
+        if onsets.min() > NEVER_NS:
+            ages.append(1e-9 * (t_ns - onsets))
+
+    order = np.argsort(fixes["arrival_ns"], kind="stable")
+    play(filter_, samples.copy(), fixes[order], lambda rows: None, each_second=look)
+    return np.array(ages)
+
+
+def test_one_onset_follows_the_fixes_and_one_is_always_older_than_the_second():
+    d, rng = drive(300.0), np.random.default_rng(1)
+    ages = onset_ages(sensed(d, rng), received(d, rng))
+    assert len(ages) > 200
+    assert np.median(ages[:, 0]) < 3.0
+    assert ages[:, 1:].max(axis=0) == pytest.approx([12.0, 48.0], abs=2.0)
+    assert ages[100:, 2].min() > 10.0

@@ -15,7 +15,7 @@ RATE, BEGIN_S, STOP_S = 100, 90.0, 90.0
 DRIVES = {speed: Later(drive, 150.0, speed=speed) for speed in (12.0, 3.0)}
 OFF = 1e9
 WARM = {"warm_up_share": 0.0}
-BLIND = WARM | {"gyro_bias_step_chi2": OFF, "likely_gyro_bias_step_chi2": OFF}
+BLIND = WARM | {f"{prefix}_bias_step_chi2": OFF for prefix in ("gyro", "likely_gyro", "imu", "likely_imu")}
 
 
 def run(seed, step_dps, tuning=None, speed=12.0, every=1.0, shaken=0.0, survey=False):

@@ -210,17 +210,19 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_imu_biases(p: Parameters, c: Core) -> None:
-    """Whether the biases of the accelerometers or of the gyros have stepped."""
+    """Whether the biases of the accelerometers or of the gyros have stepped.
+
+    Wheels, and a receiver whose velocities and positions disagree, make innovations like that.
+    """
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
-    receiver_is_wrong = wheels_contradict(p, c) or c.drift.detected != 0
-    if c.alignment.mode != NAVIGATING or receiver_is_wrong or is_unconfirmed(c) or departing:
+    wheels = c.odometer.last_used_ns != NEVER_NS
+    discrepancy = c.drift.detected != 0 or c.scratch.discrepancy2[0] > 0.0 or c.scratch.discrepancy2[1] > 0.0
+    if c.alignment.mode != NAVIGATING or wheels or discrepancy or is_unconfirmed(c) or departing:
         interrupt_imu_bias_step(c)
         return
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
-    otherwise = max(otherwise, explained_by_gyro_bias_step(p, c))
-    if counts_positions(p, c):
-        otherwise = max(otherwise, explained_by_drift(p, c))
-    if detect_imu_bias_step(p, c, max(otherwise, explained_by_drift_beside_wheels(p, c))):
+    otherwise = max(otherwise, explained_by_gyro_bias_step(p, c), explained_by_drift(p, c))
+    if detect_imu_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
         reset_lever_arm_error(c)

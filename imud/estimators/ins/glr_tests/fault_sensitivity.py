@@ -13,6 +13,7 @@ least squares, and decides by a chi-square (generalized likelihood ratio, GLR).
 | DRIFT_FAULT          | 2           | drift of positions north, east, m/s             | 0                    | time since the onset for a position |
 | TIME_STEP_FAULT      | 1           | step of the receiver's time tags, s             | -1: time offset      | 0                                   |
 | GYRO_STEP_FAULT      | 1           | step of the gyro bias about the vertical, rad/s | -1: vertical bias    | 0                                   |
+| IMU_STEP_FAULT       | 3           | step of the gyros' (rad/s) or accelerometers' biases (m/s^2), body axes | -1: bias     | 0                                   |
 | COMPASS_FAULT        | 1           | offset of a heading, rad                        | 1: heading, if given | 1 for a heading                     |
 | CURRENT_FAULT        | 2           | current north, east, m/s                        | 0                    | minus the axis, for the constraint  |
 | LEVER_ARM_FAULT      | 2           | error of the lever arm ahead, to the right, m   | C_nb: position; -1: lever arm | 0                          |

@@ -3,8 +3,8 @@
 A blow, a change of temperature, or vibration that a sensor rectifies changes biases whose variances are small. The
 receiver's velocities then tilt the estimate instead, and after a turn the tilt is wrong. A step d since an onset is a
 fault of `fault_sensitivity`, whose chi-square, over the mean square of the residuals, decides. All three components of
-a velocity count, and positions as in `gyro_bias_step`, whose test about the vertical alone sees smaller steps. The
-prior of d is that of the biases at switch-on.
+a velocity count; positions do not, since lever arms and drifts look alike in them. The test of `gyro_bias_step`, about
+the vertical alone, sees smaller steps. The prior of d is that of the biases at switch-on.
 
 A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j. The first onset follows the newest fix
 as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
@@ -120,10 +120,9 @@ def open_imu_bias_step(c: Core, j: int) -> None:
 @kernel
 def add_to_imu_bias_step(p: Parameters, c: Core, z: float, s: float, r: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix to the sums; call before its update. The rest: see `weight_of`."""
-    g, mean = c.imu_bias_step, c.scratch.fault_innovation
-    weight = weight_of(p, c, s, r, VELOCITY_AXIS if axis == DOWN_VELOCITY_AXIS else axis)
-    if weight == 0.0:
+    if axis < VELOCITY_AXIS and axis != DOWN_VELOCITY_AXIS:
         return
+    g, mean, weight = c.imu_bias_step, c.scratch.fault_innovation, weight_of(p, c, s, r, VELOCITY_AXIS)
     for h in range(IMU_BIAS_HYPOTHESES):
         first, k = IMU_STEP_FAULT + 3 * h, 0
         for i in range(3):

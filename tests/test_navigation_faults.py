@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from navigation_runner import fixes_of, navigate, samples_of, settings_of
-from navigation_simulation import Later, drive, errors, received, sensed
+from navigation_simulation import Later, at_antenna, drive, errors, received, sensed
 
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
@@ -354,12 +354,7 @@ def test_across_the_date_line():
 def test_lever_arm_is_taken_out():
     rng = np.random.default_rng(2)
     lever = np.array([1.0, -2.0, -1.5])
-    fixes = received(D, rng, late=0.2, sigma=0.0, white=0.02)
-    k = np.searchsorted(100.0 + D.t, fixes["t_ns"] * 1e-9 - 1e-6)
-    arm = D.attitude[k].apply(lever)
-    fixes["lat"] += arm[:, 0] / 6.37e6
-    fixes["lon"] += arm[:, 1] / (6.39e6 * np.cos(fixes["lat"]))
-    fixes["height"] -= arm[:, 2]
+    fixes = at_antenna(D, received(D, rng, late=0.2, sigma=0.0, white=0.02), lever)
     fixes["sigma"], fixes["hdop"] = (0.02, 0.02, 0.04), np.nan
     samples = sensed(D, rng)
     set_ = Settings(navigation=Navigation(lever_arm_m=tuple(lever)))

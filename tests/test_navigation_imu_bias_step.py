@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from accuracy_simulated import wander
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter
+from test_navigation_aiding import headings
 
 from imud.batch import play
 from imud.estimators.ins.state import NEVER_NS
@@ -31,23 +33,21 @@ def run(seed, name, step, tuning=None):
     return np.degrees(np.hypot(*errors(d, out)[2][begin:, :2].T)), out[begin:]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "step"),
     [
-        ("f", (0.08 * G, 0.0, 0.0)),
-        ("f", (0.04 * G, 0.0, 0.0)),
-        ("w", (np.radians(1.0), 0.0, 0.0)),
-        ("w", (0.0, np.radians(1.0), 0.0)),
+        pytest.param("f", (0.08 * G, 0.0, 0.0), id="80 mg ahead"),
+        pytest.param("f", (0.04 * G, 0.0, 0.0), id="40 mg ahead", marks=pytest.mark.thorough),
+        pytest.param("w", (np.radians(1.0), 0.0, 0.0), id="1 deg/s of roll", marks=pytest.mark.thorough),
+        pytest.param("w", (0.0, np.radians(1.0), 0.0), id="1 deg/s of pitch", marks=pytest.mark.thorough),
     ],
-    ids=["80 mg ahead", "40 mg ahead", "1 deg/s of roll", "1 deg/s of pitch"],
 )
 def test_a_step_is_found_and_the_tilt_is_right_again(name, step):
     found, blind = ([run(seed, name, step, tuning) for seed in range(3)] for tuning in (None, BLIND))
     mean, mean_blind = (np.mean([np.sqrt(np.mean(tilt**2)) for tilt, _ in runs]) for runs in (found, blind))
     assert mean < 0.3 * mean_blind
     for tilt, out in found:
-        assert tilt[int(40 * RATE) :].max() < 1.0
+        assert tilt[int(60 * RATE) :].max() < 1.0
         bias = out["ba" if name == "f" else "bg"]
         assert bias[-1] - bias[0] == pytest.approx(step, abs=0.1 * max(step))
 
@@ -91,3 +91,15 @@ def test_one_onset_follows_the_fixes_and_one_is_always_older_than_the_second():
     assert np.median(ages[:, 0]) < 3.0
     assert ages[:, 1:].max(axis=0) == pytest.approx([12.0, 48.0], abs=2.0)
     assert ages[100:, 2].min() > 10.0
+
+
+def test_beside_a_compass_errors_that_velocities_share_are_no_step():
+    """A receiver of 10 Hz, whose velocities err alike for a second."""
+    d, rng = DRIVE, np.random.default_rng(1)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.1, late=0.1, sigma=1.2, speed_sigma=0.03)
+    error = wander(rng, len(fixes), 0.1, 0.15, 1.0)
+    north = fixes["speed"] * np.cos(fixes["course"]) + error[:, 0]
+    east = fixes["speed"] * np.sin(fixes["course"]) + error[:, 1]
+    fixes["speed"], fixes["course"] = np.hypot(north, east), np.arctan2(east, north)
+    out = navigate(samples, fixes, settings_of("auto"), aiding=headings(d, rng, 0.2))[0]
+    assert np.abs(np.diff(out["ba"][int(50 * RATE) :], axis=0)).max() < 0.1

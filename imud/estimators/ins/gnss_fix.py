@@ -40,6 +40,7 @@ from .glr_tests.gyro_bias_step import (
     detect_gyro_bias_step,
     explained_by_gyro_bias_step,
     interrupt_gyro_bias_step,
+    note_fix,
     reset_gyro_bias_step,
 )
 from .glr_tests.imu_bias_step import detect_imu_bias_step, explained_by_imu_bias_step, interrupt_imu_bias_step
@@ -215,9 +216,9 @@ def check_imu_biases(p: Parameters, c: Core) -> None:
     Wheels, and a receiver whose velocities and positions disagree, make innovations like that.
     """
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
-    wheels = c.odometer.last_used_ns != NEVER_NS
-    discrepancy = c.drift.detected != 0 or c.scratch.discrepancy2[0] > 0.0 or c.scratch.discrepancy2[1] > 0.0
-    if c.alignment.mode != NAVIGATING or wheels or discrepancy or is_unconfirmed(c) or departing:
+    discrepancy = c.drift.detected != 0 or c.scratch.drift[0] != 0.0 or c.scratch.drift[1] != 0.0
+    other_cause = wheels_support(p, c) or discrepancy or is_unconfirmed(c) or departing
+    if c.alignment.mode != NAVIGATING or other_cause:
         interrupt_imu_bias_step(c)
         return
     otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
@@ -225,6 +226,8 @@ def check_imu_biases(p: Parameters, c: Core) -> None:
     if detect_imu_bias_step(p, c, otherwise):
         correct_state(p, c)
         restart_in_motion_alignment(c)
+        reset_time_offset_step(c)
+        reset_gyro_bias_step(c)
         reset_lever_arm_error(c)
 
 
@@ -260,7 +263,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     """Fuse a fix at the core's time; it was true `age` s before. Returns the rows of innovations written.
 
     After the fix the tests of what it may show, each of which knows what the others would explain: a wrong heading that
-    was given, a drift of the receiver, a step of its stamps, a step of the gyro's bias, a wrong heading. Of a position
+    was given, a drift of the receiver, a step of its stamps, one of the sensors' biases, a wrong heading. Of a position
     that is frozen or repeated only a new velocity is used.
     """
     repeated = velocity_is_repeated(c, fix)
@@ -282,6 +285,7 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     check_time_offset(p, c)
     check_gyro_bias(p, c)
     check_imu_biases(p, c)
+    note_fix(c)
     decay_reset_score(p, c)
     if heading_ok and c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)

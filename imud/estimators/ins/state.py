@@ -54,8 +54,8 @@ GYRO_BIAS_ONSETS = 4  # times at which the gyro bias may have stepped
 IMU_BIAS_ONSETS, IMU_BIAS_HYPOTHESES = 3, 6  # the same of all biases; these times the two sensors
 CHORD_POINTS = 33  # of the comparison of a receiver's velocity with its positions
 ONSETS = 3  # times at which the receiver may have begun to drift
-# columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`; the last is empty, as rows of whole vectors
-# of four are faster
+# columns of the sensitivities to faults: see `glr_tests.fault_sensitivity`; the last ones are empty, as rows of whole
+# vectors of four are faster
 DRIFT_FAULT, TIME_STEP_FAULT, GYRO_STEP_FAULT, COMPASS_FAULT, IMU_STEP_FAULT = 0, 6, 7, 11, 12
 CURRENT_FAULT, VELOCITY_DRIFT_FAULT, FAULTS = 30, 32, 44
 LEVER_ARM_FAULT = VELOCITY_DRIFT_FAULT  # where there are no wheels

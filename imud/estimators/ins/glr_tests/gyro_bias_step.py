@@ -108,6 +108,12 @@ def counts_positions(p: Parameters, c: Core) -> bool:
 
 
 @kernel
+def note_fix(c: Core) -> None:
+    """After each fix: `weight_of` needs the time since the last one."""
+    c.gyro_bias_step.last_ns = c.nav.t_ns
+
+
+@kernel
 def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
     """Weight of an innovation of variance s of a fix, 0 unless it counts.
 
@@ -229,7 +235,6 @@ def detect_gyro_bias_step(p: Parameters, c: Core, explained_otherwise: float) ->
     """
     g = c.gyro_bias_step
     renew_onsets(p, c)
-    g.last_ns = c.nav.t_ns
     best = most_likely_onset(p, c)
     step = step_since(p, c, best)
     if step * g.vector[best] <= explained_otherwise or chi2_of(p, c, best) <= p.tuning.gyro_bias_step_chi2:

@@ -188,9 +188,9 @@ def copy_second_onset(c: Core) -> None:
 
 @kernel
 def renew_imu_bias_onsets(p: Parameters, c: Core) -> None:
-    """Open the onsets that are too old anew, and the first one also while nothing shows since it."""
+    """Open the onsets that are too old anew, all of them after an outage, and the first also while nothing shows."""
     g, longest_ns = c.imu_bias_step, int(1e9 * p.tuning.imu_bias_onset_s)
-    if g.onset_ns[0] == NEVER_NS:
+    if g.onset_ns[0] == NEVER_NS or c.nav.t_ns - g.onset_ns[1] >= 4 * longest_ns:
         for j in range(IMU_BIAS_ONSETS):
             open_imu_bias_step(c, j)
     if c.nav.t_ns - g.onset_ns[2] >= 4 * longest_ns:

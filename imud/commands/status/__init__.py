@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    address = address_of("ADDRESS", args.address, PORT)
+    address = address_of("gpsd socket", args.address, PORT)
     form = "prometheus" if args.prometheus else "json" if args.json else "screen"
     sys.stdout.write(text_of(ask(address), form))
     return 0

@@ -45,4 +45,4 @@ def run(args: argparse.Namespace) -> int:
     require()
     from .server import serve
 
-    return serve(address_of("ADDRESS", args.daemon, PORT), listen_address_of(args.listen, _PORT), args.control)
+    return serve(address_of("gpsd socket", args.daemon, PORT), listen_address_of(args.listen, _PORT), args.control)

@@ -80,13 +80,13 @@ def test_without_a_step_none_is_detected():
     np.testing.assert_array_equal(yaw, blind)
 
 
-def onset_ages(samples, fixes):
-    """Ages of the onsets, s, in each second in which all are open."""
-    filter_ = new_filter("navigation", samples, settings_of("free", tuning={"gyro_bias_step_chi2": OFF}))
+def onset_ages(test, samples, fixes):
+    """Ages of the onsets of a GLR test, s, in each second in which all are open; it detects nothing."""
+    filter_ = new_filter("navigation", samples, settings_of("free", tuning={f"{test}_chi2": OFF}))
     ages = []
 
     def look(t_ns):
-        onsets = filter_.state["core"][0, 0]["gyro_bias_step"]["onset_ns"]
+        onsets = filter_.state["core"][0, 0][test]["onset_ns"]
         if onsets.min() > NEVER_NS:
             ages.append(1e-9 * (t_ns - onsets))
 
@@ -98,7 +98,7 @@ def onset_ages(samples, fixes):
 def test_an_onset_of_half_the_greatest_age_is_always_there():
     """They once began anew together now and then, and a step of seconds before was not seen."""
     d, rng = drive(300.0), np.random.default_rng(1)
-    ages = onset_ages(sensed(d, rng), received(d, rng))
+    ages = onset_ages("gyro_bias_step", sensed(d, rng), received(d, rng))
     assert len(ages) > 200
     assert (np.diff(ages, axis=1) >= 0.0).all()
     assert ages.max(axis=0) == pytest.approx([12.0, 24.0, 48.0, 96.0], abs=2.0)

@@ -5,11 +5,8 @@ import pytest
 from accuracy_simulated import wander
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
-from replay_in_process import new_filter
 from test_navigation_aiding import headings
-
-from imud.batch import play
-from imud.estimators.ins.state import NEVER_NS
+from test_navigation_gyro_bias_step import onset_ages
 
 RATE, BEGIN_S = 100, 90.0
 DRIVE = Later(drive, 180.0, speed=12.0)
@@ -69,24 +66,9 @@ def test_a_likely_step_is_part_of_the_stated_sigma():
     assert (stated > 1.5 * silent).any()
 
 
-def onset_ages(samples, fixes):
-    """Ages of the three onsets, s, in each second in which all are open."""
-    filter_ = new_filter("navigation", samples, settings_of("free", tuning=BLIND))
-    ages = []
-
-    def look(t_ns):
-        onsets = filter_.state["core"][0, 0]["imu_bias_step"]["onset_ns"]
-        if onsets.min() > NEVER_NS:
-            ages.append(1e-9 * (t_ns - onsets))
-
-    order = np.argsort(fixes["arrival_ns"], kind="stable")
-    play(filter_, samples.copy(), fixes[order], lambda rows: None, each_second=look)
-    return np.array(ages)
-
-
 def test_one_onset_follows_the_fixes_and_one_is_always_older_than_the_second():
     d, rng = drive(300.0), np.random.default_rng(1)
-    ages = onset_ages(sensed(d, rng), received(d, rng))
+    ages = onset_ages("imu_bias_step", sensed(d, rng), received(d, rng))
     assert len(ages) > 200
     assert np.median(ages[:, 0]) < 3.0
     assert ages[:, 1:].max(axis=0) == pytest.approx([12.0, 48.0], abs=2.0)

@@ -239,6 +239,14 @@ def step_of_the_bias_at_rest():
 
 
 @golden("navigation")
+def step_of_the_bias_before_the_heading():
+    """As above, but no heading is known that it would have turned."""
+    samples, fixes = data(road(rest=1e3), seed=54)
+    samples["w"][between(samples, 60.0, 1e9), 2] += 0.03
+    return navigated(samples, fixes)
+
+
+@golden("navigation")
 def step_of_the_bias_under_way():
     """Of a free craft: its heading turns away."""
     samples, fixes = data(road(speed=12.0), seed=55, every=0.5)

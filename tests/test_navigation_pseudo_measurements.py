@@ -10,10 +10,11 @@ from replay_in_process import replay
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators import registry
+from imud.estimators.ins.aiding.contradicted_bias import watch_bias
 from imud.estimators.ins.aiding.zero_velocity import fuse_rest
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, GYRO_BIAS, STATES
+from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, STATES
 from imud.estimators.records import (
     INNOVATION,
     NHC_LATERAL,
@@ -103,36 +104,37 @@ def test_pending_innovations_are_kept_up_to_a_limit_and_harm_nothing():
 @pytest.mark.parametrize(
     ("noise", "growth_dps", "contradicts"), [(0.05, 0.0, False), (0.0, 0.0, True), (0.0, 0.1, False)]
 )
-@pytest.mark.parametrize("stood_s", [20.0, 600.0])
+@pytest.mark.parametrize("mode", [COARSE_ALIGNMENT, NAVIGATING])
 def test_a_rate_at_rest_replaces_a_bias_if_it_is_beyond_its_noise_and_stays_the_same(
-    noise, growth_dps, contradicts, stood_s
+    noise, growth_dps, contradicts, mode
 ):
     """A window's mean rate of 1.2 deg/s: three of its own sigmas with noise of 0.05 rad/s, else of a wrong bias.
 
-    The bias was right until 20 s ago, however long the body has stood; by what it has turned since then the yaw is off.
+    A known heading is corrected by what it has turned; another one is off by that.
     """
-    settings = Settings()
-    p, c = (
-        configure(settings, RATE)[0],
-        start(configure(settings, RATE), Initial(lat_deg=50.0, lon_deg=8.0))["core"][0, 0],
-    )
+    settings, navigating = configure(Settings(), RATE), mode == NAVIGATING
+    p, c = settings[0], start(settings, Initial(lat_deg=50.0, lon_deg=8.0))["core"][0, 0]
+    yaw = interpreted(packed_index)(STATES, ATTITUDE + 2, ATTITUDE + 2)
     for i in range(3):
         c["cov"]["P"][interpreted(packed_index)(STATES, GYRO_BIAS + i, GYRO_BIAS + i)] = np.radians(0.01) ** 2
+    c["alignment"]["mode"], c["stationarity"]["low_motion_count"] = mode, 100
+    c["nav"]["t_ns"] = c["gnss"]["last_used_ns"] = 10**12
+    c["gnss"]["speed"] = 0.0
     c["stationarity"]["duration"], c["stationarity"]["sample_count"] = 0.5, 50
     c["stationarity"]["gyro_noise_floor"], c["nav"]["q_nb"] = noise, (1.0, 0.0, 0.0, 0.0)
-    windows, replaced = int(p["tuning"]["bias_contradiction_windows"]), []
-    tilt, yaw = (interpreted(packed_index)(STATES, ATTITUDE + i, ATTITUDE + i) for i in (0, 2))
-    c["cov"]["P"][[tilt, yaw]] = 0.0
-    c["nav"]["t_ns"], c["stationarity"]["agreed_ns"] = 10**12, 10**12 - 20 * 10**9
-    c["stationarity"]["low_motion_count"] = 2 * stood_s
-    for k in range(2 * windows):
-        c["stationarity"]["mean_w"][0] = np.radians(1.2 + growth_dps * k)
+    windows = int(p["tuning"]["known_heading_contradiction_windows" if navigating else "bias_contradiction_windows"])
+    c["cov"]["P"][yaw], replaced = 0.0, []
+    for k in range(windows + 5):
+        c["stationarity"]["mean_w"][2] = np.radians(1.2 + growth_dps * k)
+        in_c(watch_bias)(p, c, True)
         in_c(fuse_rest)(p, c)
-        replaced += [abs(c["nav"]["bg"][0] - np.radians(1.2)) < np.radians(0.01)]
-    assert replaced == [contradicts and k >= windows - 1 for k in range(2 * windows)]
-    for element, seconds in ((tilt, 0.5 * windows), (yaw, 20.0)):
-        turned = np.radians(1.2) * seconds if contradicts else 0.0
-        assert np.sqrt(c["cov"]["P"][element]) == pytest.approx(turned, rel=0.02)
+        replaced += [abs(c["nav"]["bg"][2] - np.radians(1.2)) < np.radians(0.01)]
+    assert replaced == [contradicts and k >= windows - 1 for k in range(windows + 5)]
+    turned = np.radians(1.2) * 0.5 * windows if contradicts else 0.0
+    w, _, _, z = c["nav"]["q_nb"]
+    assert 2.0 * np.arctan2(z, w) == pytest.approx(-turned if navigating else 0.0, rel=0.02, abs=1e-3)
+    share = float(p["tuning"]["turned_share"]) if navigating else 1.0
+    assert np.sqrt(c["cov"]["P"][yaw]) == pytest.approx(share * turned, rel=0.02, abs=1e-3)
 
 
 @pytest.mark.parametrize(("turns_s", "is_known"), [(2.4, False), (4.4, True)])

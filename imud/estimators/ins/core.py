@@ -151,9 +151,9 @@ STATIONARITY = np.dtype(
         ("at_rest", "<i8"),
         ("low_motion_count", "<i8"),  # windows of low motion in a row
         ("stationary_count", "<i8"),  # and of none
-        ("contradiction_count", "<i8"),  # windows at rest in a row whose mean rate contradicts the gyro bias
+        ("contradiction_count", "<i8"),  # windows of standing in a row whose mean rate contradicts the gyro bias
         ("contradicting_w", "<f8", (3,)),  # rad/s, mean rate of the first of them
-        ("agreed_ns", "<i8"),  # when a window at rest last agreed with the gyro bias
+        ("contradicting_turn2", "<f8"),  # rad^2, square of what it has turned the heading by
         ("rest_class", MOTION_CLASS),
         ("slow_motion_class", MOTION_CLASS),
         ("log_likelihood_ratio", "<f8"),  # of rest against slow motion, summed over windows

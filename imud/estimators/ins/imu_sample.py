@@ -13,6 +13,7 @@ from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
+from .aiding.contradicted_bias import watch_bias
 from .aiding.course_heading import waits_for_course
 from .aiding.forward_axis_search import find_forward_axis
 from .aiding.non_holonomic import enable_nhc, fuse_nhc, is_due, observe_heave
@@ -20,10 +21,12 @@ from .aiding.zero_velocity import fuse_rest
 from .alignment.fixed_gravity import measure_fixed_gravity
 from .alignment.levelling import level_from_window
 from .alignment.modes import ATTITUDE_LOST, HEADING_KNOWN, change_mode
-from .alignment.velocity_pairs import is_levelled
+from .alignment.velocity_pairs import is_levelled, restart_in_motion_alignment
 from .bias_changes import add_bias_changes
 from .damaged_readings import add_held_variance, inflate_covariance, substitute_missing
 from .fusion import propagate_errors
+from .glr_tests.gyro_bias_step import reset_gyro_bias_step
+from .glr_tests.imu_bias_step import interrupt_imu_bias_step
 from .integrity.gravity_monitor import monitor_gravity
 from .power_on import check_attitude, reset_biases
 from .propagation import count_sample, propagate_to
@@ -57,6 +60,10 @@ def end_window(p: Parameters, c: Core) -> None:
     judge_rest_gap(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:
         level_from_window(p, c, at_rest)  # before the update at rest changes the attitude of the mean force
+    if watch_bias(p, c, at_rest):
+        restart_in_motion_alignment(c)
+        reset_gyro_bias_step(c)
+        interrupt_imu_bias_step(c)
     if at_rest:
         fuse_rest(p, c)
     if c.alignment.mode == COARSE_ALIGNMENT:

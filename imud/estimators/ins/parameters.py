@@ -37,6 +37,7 @@ from . import (
     velocity_epoch,
 )
 from .aiding import (
+    contradicted_bias,
     course_heading,
     forward_axis_search,
     gnss_gate,
@@ -128,6 +129,7 @@ TUNABLES = (
     *gnss_time.TUNABLES,
     *wheel_check.TUNABLES,
     *zero_velocity.TUNABLES,
+    *contradicted_bias.TUNABLES,
     *non_holonomic.TUNABLES,
     *course_heading.TUNABLES,
     *forward_axis_search.TUNABLES,

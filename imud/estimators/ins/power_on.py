@@ -18,6 +18,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
+from .aiding.contradicted_bias import forget_contradiction
 from .alignment.modes import ATTITUDE_LOST, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .bias_changes import begin_warm_up
@@ -73,6 +74,7 @@ def reset_biases(p: Parameters, c: Core) -> None:
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
     begin_warm_up(p, c)
     interrupt_rest(c)
+    forget_contradiction(c)
     clear_window(c)
     restart_in_motion_alignment(c)
     reset_glr_tests(c)

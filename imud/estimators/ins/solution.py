@@ -195,6 +195,7 @@ def state_variances(p: Parameters, c: Core) -> None:
         + c.compass_offset.heading_variance
         + c.current.heading_variance
         + c.rest_gap.turn2
+        + c.stationarity.contradicting_turn2
         + added_by_lever_arm(c, ATTITUDE + 2)
     )
     if changed:

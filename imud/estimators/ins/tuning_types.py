@@ -166,9 +166,11 @@ class Tuning:
     zupt_sigma: float
     zupt_sigma_unconfirmed: float
     standstill_sigma: float
-    zaru_sigma: float
     rest_gate: float
+    zaru_sigma: float
     bias_contradiction_windows: int
+    known_heading_contradiction_windows: int
+    turned_share: float
     nhc_interval_s: float
     nhc_min_speed: float
     nhc_sigma: float

@@ -132,7 +132,7 @@ class Stationarity:
     stationary_count: int
     contradiction_count: int
     contradicting_w: Reals
-    agreed_ns: int
+    contradicting_turn2: float
     rest_class: MotionClass
     slow_motion_class: MotionClass
     log_likelihood_ratio: float

@@ -239,6 +239,14 @@ def step_of_the_bias_at_rest():
 
 
 @golden("navigation")
+def step_of_the_bias_in_an_outage():
+    """The tilt is lost, and the fixes begin the estimate anew."""
+    samples, fixes = data(road(speed=12.0), seed=55)
+    samples["w"][between(samples, 60.0, 1e9), 0] += 0.03
+    return navigated(samples, fixes[~between(fixes, 60.0, 110.0)], HEADED, vehicle="free")
+
+
+@golden("navigation")
 def step_of_the_bias_before_the_heading():
     """As above, but no heading is known that it would have turned."""
     samples, fixes = data(road(rest=1e3), seed=54)

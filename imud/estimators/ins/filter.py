@@ -33,7 +33,7 @@ from .fusion_horizon import (
     store_snapshot_if_due,
 )
 from .glr_tests.compass_offset import open_compass_offset
-from .gnss_fix import begin_without_velocity, find_heading_anew, fuse_gnss, is_usable, set_noise
+from .gnss_fix import begin_anew, find_heading_anew, fuse_gnss, is_usable, set_noise
 from .integrity.frozen_receiver import course_is_held, is_same_fix
 from .integrity.velocity_discrepancy import (
     allow_for_discrepancy,
@@ -297,7 +297,7 @@ def fuse_stored(
     store_bank(s, e)
     set_noise(p, c, e.fix, s.last_epoch_ns == NEVER_NS)
     if e.restarts:
-        begin_without_velocity(p, c, e.fix)
+        begin_anew(p, c, e.fix)
     allow_for_discrepancy(c, e)
     age = c.nav.time_offset - 1e-9 * (e.fix.t_ns - c.nav.t_ns)  # s, the part that rewinding did not cover
     if first:

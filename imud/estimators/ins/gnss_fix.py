@@ -15,6 +15,7 @@ from .aiding.external_pose import distrust_poses
 from .aiding.gnss_gate import ends_outage, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
 from .aiding.gnss_position import fuse_gnss_position
+from .aiding.gnss_reset import attitude_is_lost
 from .aiding.gnss_time import reset_time_offsets, set_initial_time_offset
 from .aiding.gnss_velocity import fuse_gnss_velocity
 from .aiding.heading import distrust_compass, has_compass
@@ -58,6 +59,7 @@ from .integrity.frozen_receiver import (
     velocity_is_repeated,
 )
 from .integrity.heading_monitor import monitor_heading
+from .integrity.reset_inflation import limit_inflation
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
 from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
@@ -245,8 +247,8 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
 
 
 @kernel
-def begin_without_velocity(p: Parameters, c: Core, fix: Fix) -> None:
-    """Begin anew at a fix: the receiver's velocity is late, so what was found with it is wrong.
+def begin_anew(p: Parameters, c: Core, fix: Fix) -> None:
+    """Begin anew at a fix, with nothing of what was found before: the receiver's velocity is late, or the tilt is lost.
 
     A compass gives its heading again.
     """
@@ -289,7 +291,10 @@ def fuse_gnss(p: Parameters, c: Core, b: HypothesisBank, fix: Fix, age: float, i
     decay_reset_score(p, c)
     if heading_ok and c.alignment.mode == NAVIGATING and not wheels_reject(p, c):
         heading_ok = monitor_heading(p, c, b, fix)
-    if contradicts_heading(p, c) or not heading_ok:
+    if attitude_is_lost(p, c):
+        begin_anew(p, c, fix)
+        limit_inflation(p, c)
+    elif contradicts_heading(p, c) or not heading_ok:
         find_heading_anew(p, c, fix)
     note_fused_position(p, c, lat, lon)
     count_fix(c)

@@ -120,6 +120,7 @@ class Tuning:
     burst_psd: float
     burst_s: float
     outlier_count: int
+    lost_position_count: int
     reset_count: int
     reset_s: float
     max_inflation: float
@@ -145,6 +146,7 @@ class Tuning:
     reset_position_sigma: float
     reset_velocity_sigma: float
     max_diverging_tilt: float
+    max_linear_tilt: float
     reset_heading_sigma: float
     reset_time_sigma: float
     time_tag_tolerance_s: float

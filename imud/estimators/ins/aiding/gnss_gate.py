@@ -79,6 +79,13 @@ TUNABLES = (
         "Positions in a row, far from those that were rejected before, that may be outliers.",
         "Choice.",
     ),
+    Tunable(
+        "lost_position_count",
+        3,
+        "fixes",
+        "Positions in a row after an outage, further off than a receiver drifts, after which the estimate is wrong.",
+        "Choice: one or two may be outliers.",
+    ),
     Tunable("reset_count", 5, "fixes", "Number of rejected fixes before the filter is reset to them.", "Choice."),
     Tunable(
         "reset_s",
@@ -262,6 +269,20 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 
 
 @kernel
+def is_lost(p: Parameters, c: Core) -> bool:
+    """Whether rejected positions after an outage are further off, and move away faster, than a receiver can drift.
+
+    One that has jumped, or is another one, moves as the estimate does.
+    """
+    g = c.integrity
+    if not was_coasting(p, c, g.outage_at_reject_s) or is_as_far_as_a_drift(p, c, p.tuning.reset_s):
+        return False
+    since_first_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) - g.outage_at_reject_s
+    north, east = bias_free_innovation(c, 0) - g.first_offset[0], bias_free_innovation(c, 1) - g.first_offset[1]
+    return bool(elementary.hypot(north, east) > p.tuning.max_drift_speed * max(since_first_s, p.tuning.chord_step_s))
+
+
+@kernel
 def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool:
     """Whether it is too early to use a rejected position.
 
@@ -273,6 +294,8 @@ def must_reject(p: Parameters, c: Core, diverges: bool, outage_s: float) -> bool
         return False
     if diverges and c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma:
         return False
+    if is_lost(p, c):
+        return c.integrity.reject_count[HORIZONTAL] < p.tuning.lost_position_count
     few = c.integrity.reject_count[HORIZONTAL] <= p.tuning.reset_count and not diverges
     return bool(few or outage_s <= p.tuning.reset_s or c.integrity.inconsistent_count == 1)
 
@@ -316,7 +339,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     if diverges and diverging_inflation(p, c, nis) > 1.0:
         inflate_to_diverging(p, c, nis)
-    elif not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
+    elif not supported and was_coasting(p, c, g.outage_at_reject_s) and (nis < p.tuning.max_inflation or is_lost(p, c)):
         inflate_to_fix(c, nis)
     else:
         reset_to_gnss(p, c, 0, 2, supported, consistent_s)

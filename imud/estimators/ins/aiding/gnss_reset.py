@@ -14,7 +14,16 @@ from ...tuning import Tunable
 from ..ekf import add_variance, decorrelate, inflate, variance
 from ..integrity.reset_inflation import inflate_position, inflate_velocity
 from ..mechanization import displace
-from ..state import ATTITUDE, COARSE_ALIGNMENT, GNSS_VELOCITY_BIAS, HORIZONTAL, POSITION, TIME_OFFSET, VELOCITY
+from ..state import (
+    ATTITUDE,
+    COARSE_ALIGNMENT,
+    GNSS_VELOCITY_BIAS,
+    HORIZONTAL,
+    NAVIGATING,
+    POSITION,
+    TIME_OFFSET,
+    VELOCITY,
+)
 from .gnss_noise import clear_gnss_bias
 
 if TYPE_CHECKING:
@@ -49,6 +58,13 @@ TUNABLES = (
         math.radians(10.0),
         "rad",
         "Largest tilt sigma to which P is inflated where the estimate diverges.",
+        "Linearization.",
+    ),
+    Tunable(
+        "max_linear_tilt",
+        math.radians(30.0),
+        "rad",
+        "Tilt sigma from which a fix finds the attitude anew.",
         "Linearization.",
     ),
     Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
@@ -160,6 +176,13 @@ def inflate_to_diverging(p: Parameters, c: Core, nis: float) -> None:
     decorrelate(c, ATTITUDE + 2, heading2 + p.tuning.reset_heading_sigma**2)
     for i in range(2 if c.gnss.reported_sigma[HORIZONTAL] >= p.tuning.survey_sigma else 0):
         inflate_position(c, i, bias_free_innovation(c, i) ** 2)
+
+
+@kernel
+def attitude_is_lost(p: Parameters, c: Core) -> bool:
+    """Whether the tilt is so uncertain, as after an outage in which a bias has stepped, that no update is linear."""
+    tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))
+    return c.alignment.mode == NAVIGATING and tilt2 > p.tuning.max_linear_tilt**2
 
 
 @kernel

@@ -38,8 +38,8 @@ def inflate_velocity(c: Core, axis: int, variance: float) -> None:
 def limit_inflation(p: Parameters, c: Core) -> None:
     """The heading has been found: the receiver's velocity changes as the force does, so it is no drift that goes on.
 
-    What may be left is a position that is off by a jump: one that is off by far more, and does not move against the
-    estimate, is rare.
+    Or the attitude has been lost, and with it what the estimate said of the position. What may be left is a position
+    that is off by a jump: one that is off by far more, and does not move against the estimate, is rare.
     """
     for i in range(2):
         c.integrity.position_inflation[i] = min(c.integrity.position_inflation[i], p.tuning.jump_sigma**2)

@@ -49,6 +49,20 @@ def test_a_step_is_found_and_the_tilt_is_right_again(name, step):
         assert bias[-1] - bias[0] == pytest.approx(step, abs=0.1 * max(step))
 
 
+@pytest.mark.parametrize("across_g", [-0.1, pytest.param(-0.085, marks=pytest.mark.thorough)])
+def test_a_large_step_across_a_car_that_turns_is_none_of_its_stamps(across_g):
+    """In a steady turn it looks like fixes that are late, and the first fixes after it fit it badly: it begins between
+    two of them.
+    """
+    step = (0.0, across_g * G, 0.0)
+    for seed in range(4):
+        d, samples, fixes = sensed_with_step(seed, "f", step)
+        begin = int(BEGIN_S * RATE)
+        off = np.degrees(errors(d, navigate(samples, fixes, settings_of("free"))[0])[2][begin:])
+        assert np.abs(off[:, 2]).max() < 5.0
+        assert np.sqrt(np.mean(np.hypot(*off[:, :2].T) ** 2)) < 0.5
+
+
 def test_without_a_step_none_is_detected():
     none = (0.0, 0.0, 0.0)
     tilt, _ = run(4, "f", none)

@@ -44,12 +44,18 @@ from .glr_tests.gyro_bias_step import (
     note_fix,
     reset_gyro_bias_step,
 )
-from .glr_tests.imu_bias_step import detect_imu_bias_step, explained_by_imu_bias_step, interrupt_imu_bias_step
+from .glr_tests.imu_bias_step import (
+    detect_imu_bias_step,
+    explained_by_imu_bias_step,
+    interrupt_imu_bias_step,
+    least_residual,
+)
 from .glr_tests.lever_arm_error import detect_lever_arm_error, explained_by_lever_arm_error, reset_lever_arm_error
 from .glr_tests.time_offset_step import (
     detect_time_offset_step,
     explained_by_time_offset_step,
     reset_time_offset_step,
+    residual_of_time_offset_step,
 )
 from .glr_tests.velocity_drift import detect_velocity_drift, explained_by_velocity_drift
 from .integrity.frozen_receiver import (
@@ -182,8 +188,11 @@ def check_time_offset(p: Parameters, c: Core) -> None:
     departing = 1e-9 * (c.nav.t_ns - c.gravity_monitor.last_rest_ns) < p.tuning.departure_s
     if wheels_contradict(p, c) or c.drift.detected != 0 or uncertain or departing:
         reset_time_offset_step(c)
+    elif least_residual(p, c) < residual_of_time_offset_step(c):
+        return
     elif c.alignment.mode == NAVIGATING and detect_time_offset_step(p, c, explained_by_drift_beside_wheels(p, c)):
         correct_state(p, c)
+        clear_contradictions(c)
         restart_in_motion_alignment(c)
         reset_gyro_bias_step(c)
         interrupt_imu_bias_step(c)
@@ -206,6 +215,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     otherwise = max(otherwise, explained_by_drift_beside_wheels(p, c))
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
         correct_state(p, c)
+        clear_contradictions(c)
         restart_in_motion_alignment(c)
         interrupt_imu_bias_step(c)
         reset_lever_arm_error(c)
@@ -223,10 +233,13 @@ def check_imu_biases(p: Parameters, c: Core) -> None:
     if c.alignment.mode != NAVIGATING or other_cause:
         interrupt_imu_bias_step(c)
         return
-    otherwise = max(explained_by_time_offset_step(c), explained_by_lever_arm_error(p, c))
+    otherwise = explained_by_lever_arm_error(p, c)
+    if residual_of_time_offset_step(c) < least_residual(p, c):
+        otherwise = max(otherwise, explained_by_time_offset_step(c))
     otherwise = max(otherwise, explained_by_gyro_bias_step(p, c), explained_by_drift(p, c))
     if detect_imu_bias_step(p, c, otherwise):
         correct_state(p, c)
+        clear_contradictions(c)
         restart_in_motion_alignment(c)
         reset_time_offset_step(c)
         reset_gyro_bias_step(c)

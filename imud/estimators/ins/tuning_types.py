@@ -373,6 +373,7 @@ class Tuning:
     likely_imu_bias_step_chi2: float
     imu_bias_step_excess: float
     imu_bias_step_residual: float
+    imu_bias_step_misfit: float
     imu_bias_step_proofs: int
     imu_bias_step_share: float
     imu_bias_onset_s: float

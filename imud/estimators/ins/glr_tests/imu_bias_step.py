@@ -67,6 +67,14 @@ TUNABLES = (
         "Choice.",
     ),
     Tunable(
+        "imu_bias_step_misfit",
+        0.03,
+        "",
+        "Largest share of the sum of squares that a large step may leave instead: it begins between two fixes.",
+        "Simulated cars.",
+        high=1.0,
+    ),
+    Tunable(
         "imu_bias_step_proofs",
         2,
         "fixes",
@@ -174,6 +182,24 @@ def explained_by_imu_bias_step(p: Parameters, c: Core) -> float:
 
 
 @kernel
+def fits(p: Parameters, c: Core, h: int, explained: float, residual: float) -> bool:
+    """Whether what a step of hypothesis h leaves unexplained may come of noise, and of its onset between two fixes."""
+    energy = c.imu_bias_step.energy[h // 2]
+    return residual < p.tuning.imu_bias_step_residual or energy - explained < p.tuning.imu_bias_step_misfit * energy
+
+
+@kernel
+def least_residual(p: Parameters, c: Core) -> float:
+    """Least mean square that a step leaves unexplained which may be proven; infinite: there is none."""
+    least = math.inf
+    for h in range(IMU_BIAS_HYPOTHESES):
+        _, _, _, explained, residual = estimate_imu_bias_step(p, c, h)
+        if explained > max(residual, 1.0) * p.tuning.imu_bias_step_chi2 and fits(p, c, h, explained, residual):
+            least = min(least, residual)
+    return least
+
+
+@kernel
 def copy_second_onset(c: Core) -> None:
     """The third onset becomes the second one, with what was summed since."""
     g = c.imu_bias_step
@@ -244,7 +270,7 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
     proven = explained > max(
         max(residual, 1.0) * p.tuning.imu_bias_step_chi2, otherwise + p.tuning.imu_bias_step_excess
     )
-    proven = proven and residual < p.tuning.imu_bias_step_residual
+    proven = proven and fits(p, c, h, explained, residual)
     g.proofs = g.proofs + 1 if proven else 0
     if g.proofs < p.tuning.imu_bias_step_proofs:
         return False

@@ -135,6 +135,13 @@ def explained_by_time_offset_step(c: Core) -> float:
 
 
 @kernel
+def residual_of_time_offset_step(c: Core) -> float:
+    """Mean square that a step since the onset leaves unexplained."""
+    g = c.time_offset_step
+    return float((g.energy - explained_by_time_offset_step(c)) / max(g.count - 1.0, 1.0))
+
+
+@kernel
 def apply_time_offset_step(c: Core, d: float, sigma: float) -> None:
     """Gather the step d, s, in scratch.x, and add its variance, of sigma s, to P; see the file's head."""
     v, s2 = c.nav.v_n, sigma * sigma

@@ -98,9 +98,8 @@ def _checks(settings: Settings) -> dict[str, Callable[[], object]]:
     from ..outputs.plugin import installed
     from ..setup import choices
 
-    real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     checks: dict[str, Callable[[], object]] = {
-        "port": lambda: (simulated.check(settings.ports), choices.ports(replace(settings, ports=real))),
+        "port": lambda: _check_ports(settings),
         "estimator": lambda: choices.estimators(settings),
         "record.folder": lambda: _check_folder(settings.record.folder),
         "gpsd.listen": lambda: addresses_of(settings.gpsd),
@@ -115,6 +114,14 @@ def _checks(settings: Settings) -> dict[str, Callable[[], object]]:
     if rtcm := settings.gnss.rtcm:
         checks["gnss.rtcm"] = lambda: address_of(rtcm)
     return checks
+
+
+def _check_ports(settings: Settings) -> None:
+    from ..setup import choices
+
+    simulated.check(settings.ports)
+    real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
+    choices.ports(replace(settings, ports=real))
 
 
 def _check_folder(folder: str) -> None:

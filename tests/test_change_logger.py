@@ -17,7 +17,7 @@ from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 from imud.estimators import registry
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID
 from imud.firmware_sim import ublox
 from imud.firmware_sim.fixes import Fix as TrueFix
 from imud.firmware_sim.ublox_frames import Report
@@ -47,6 +47,18 @@ def test_a_status_that_flaps_is_told_once():
     for k in range(200, 212):
         announcer.status(HEADING_VALID, STATUS_LASTS_NS + k * SECOND // 10)
     assert log == ["roll and pitch are valid", "roll and pitch are lost", "heading is valid"]
+
+
+@pytest.mark.parametrize(("period_s", "says"), [(1, []), (5, ["no fixes: coasting"]), (30, ["no fixes: coasting"])])
+def test_a_receiver_that_sends_rarely_is_said_once_to_have_no_fixes(period_s, says):
+    logger = ChangeLogger(log := Log())
+    for k in range(3000):  # for 300 s
+        since_fix_s = k / 10 % period_s
+        logger.status(COASTING * (since_fix_s > 2.5), k * SECOND // 10)
+    assert log == says
+    for k in range(3000, 3050):
+        logger.status(0, k * SECOND // 10)
+    assert log == says + (["fixes are back"] if says else [])
 
 
 @given(st.lists(st.tuples(st.integers(1, 400), st.frozensets(st.integers(0, 3))), max_size=60))

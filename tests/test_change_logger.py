@@ -162,7 +162,7 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "tells no position")])
+@pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "sends no position")])
 def test_a_receiver_without_a_position_is_not_reported_silent(talks, said):
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(6) if talks else ():
@@ -191,7 +191,7 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
         receiver.feed(gga(f"12000{min(second, 5)}.000"), second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         stuck = second > 8
-        assert receiver.faults(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
+        assert receiver.faults(second * SECOND) == ("receiver: reports a fix, but sends no new one",) * stuck
 
 
 def test_a_fix_that_came_a_moment_ago_is_not_beyond_the_limit_of_its_age():

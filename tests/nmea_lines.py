@@ -1,6 +1,7 @@
 """NMEA sentences made to order, with their checksum from a plain loop, and a decoder that takes them all."""
 
-from imud.drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
+from imud.drivers.nmea.burst_silence import SILENCE_NS
+from imud.drivers.nmea.decoder import NmeaDecoder
 
 
 def checksum(body):

@@ -94,6 +94,11 @@ class Epson(Line):
                 self.obey(*command)
 
 
+def is_triggered(test):
+    """EXT_SEL, bits 7 and 6 of MSC_CTRL: 2, a sample comes with each pulse on a pin, where nothing is connected."""
+    return test >> 6 == 2
+
+
 class G350(Epson):
     """An M-G350 on its UART as docs/protocols.md 1.2 to 1.5 describe it: registers by byte, modes, automatic frames."""
 
@@ -114,6 +119,10 @@ class G350(Epson):
     @property
     def sampling(self):
         return not self.byte[0x39] & 0x04
+
+    @property
+    def streaming(self):
+        return self.sampling and self.byte[0x3A] & 1 and not is_triggered(self.byte[0x34])
 
     @property
     def rate_hz(self):
@@ -151,7 +160,7 @@ class G350(Epson):
 
     def pass_time(self, seconds):
         super().pass_time(seconds)
-        while self.sampling and self.byte[0x3A] & 1 and self.now_s >= self.next_frame_s:
+        while self.streaming and self.now_s >= self.next_frame_s:
             self.next_frame_s += 1.0 / self.rate_hz
             count = struct.pack(">H", 2 * next(self.frames) & 0xFFFF) if self.byte[0x50] & 1 else b""
             self.say(b"\x20" + struct.pack(">Hh6hH", 0xFE00, -15214, 1, 2, 3, 4, 5, -8000, 0) + count + b"\r")
@@ -240,6 +249,6 @@ class Windowed(Epson):
         super().pass_time(seconds)
         if self.now_s >= self.tested_s:
             self.byte[1, 0x03] &= ~0x04
-        while self.automatic and self.now_s >= self.next_frame_s:
+        while self.automatic and not is_triggered(self.byte[1, 0x02]) and self.now_s >= self.next_frame_s:
             self.next_frame_s += 1.0 / self.rate_hz
             self.say(self.frame())

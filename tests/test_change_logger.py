@@ -17,7 +17,7 @@ from imud.drivers.driver import Identity, ImuConfigured
 from imud.drivers.fix import Fix
 from imud.drivers.registry import by_name
 from imud.estimators import registry
-from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID
+from imud.estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID
 from imud.firmware_sim import ublox
 from imud.firmware_sim.fixes import Fix as TrueFix
 from imud.firmware_sim.ublox_frames import Report
@@ -47,6 +47,18 @@ def test_a_status_that_flaps_is_told_once():
     for k in range(200, 212):
         announcer.status(HEADING_VALID, STATUS_LASTS_NS + k * SECOND // 10)
     assert log == ["roll and pitch are valid", "roll and pitch are lost", "heading is valid"]
+
+
+@pytest.mark.parametrize(("period_s", "says"), [(1, []), (5, ["no fixes: coasting"]), (30, ["no fixes: coasting"])])
+def test_a_receiver_that_sends_rarely_is_said_once_to_have_no_fixes(period_s, says):
+    logger = ChangeLogger(log := Log())
+    for k in range(3000):  # for 300 s
+        since_fix_s = k / 10 % period_s
+        logger.status(COASTING * (since_fix_s > 2.5), k * SECOND // 10)
+    assert log == says
+    for k in range(3000, 3050):
+        logger.status(0, k * SECOND // 10)
+    assert log == says + (["fixes are back"] if says else [])
 
 
 @given(st.lists(st.tuples(st.integers(1, 400), st.frozensets(st.integers(0, 3))), max_size=60))
@@ -150,7 +162,7 @@ def fix(lat_deg, seconds, speed_mps=0.0, lon_deg=10.0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "tells no position")])
+@pytest.mark.parametrize(("talks", "said"), [(False, "stale"), (True, "sends no position")])
 def test_a_receiver_without_a_position_is_not_reported_silent(talks, said):
     receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
     for second in range(6) if talks else ():
@@ -179,7 +191,7 @@ def test_a_receiver_that_repeats_its_fix_is_not_called_well():
         receiver.feed(gga(f"12000{min(second, 5)}.000"), second * SECOND)
         receiver.flush(second * SECOND + SECOND // 2)
         stuck = second > 8
-        assert receiver.faults(second * SECOND) == ("receiver: says that it has a fix, but tells no new one",) * stuck
+        assert receiver.faults(second * SECOND) == ("receiver: reports a fix, but sends no new one",) * stuck
 
 
 def test_a_fix_that_came_a_moment_ago_is_not_beyond_the_limit_of_its_age():

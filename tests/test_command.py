@@ -50,6 +50,25 @@ def test_a_check_refuses_what_the_daemon_would(arguments, code, capsys):
     assert said.out == ("" if code else "the configuration is valid\n")
 
 
+@pytest.mark.parametrize("twice", ["tty", "by-id"])
+def test_a_device_that_is_named_twice_is_refused_also_by_its_link(twice, tmp_path, capsys):
+    port, link = tmp_path / "tty", tmp_path / "by-id"
+    link.symlink_to(port)
+    assert main(["run", "--check", "--port", str(port), "--port", str(tmp_path / twice)]) == 64
+    err = capsys.readouterr().err
+    assert f"port {port} is named twice" in err and (str(link) in err) == (twice == "by-id")
+
+
+def test_a_check_names_each_wrong_setting_at_once(capsys):
+    wrong = {"gpsd.listen": "127.0.0.1:99999", "stream.listen": "/" + 120 * "x", "nmea.udp": "nowhere"}
+    wrong |= {"aiding.listen": "0.0.0.0:2950", "gnss.rtcm": "base", "record.folder": "/nonexistent"}
+    settings = [word for path, text in wrong.items() for word in ("--set", f"{path}={text}")]
+    assert main(["run", "--check", "--port", "/dev/x:toaster", *settings]) == 78
+    _, *lines = capsys.readouterr().err.splitlines()
+    assert [sum(path in line for line in lines) for path in ("toaster", *wrong)] == [1] * 7
+    assert len(lines) == 7
+
+
 @pytest.mark.parametrize(("name", "waiting", "code"), [("absent", "--no-wait", 69), ("", "--wait", 74)])
 def test_an_invalid_port_is_reported_before_anything_is_compiled(name, waiting, code, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("imud.daemon.loop.Daemon._prepare_kernels", lambda daemon: pytest.fail("compiled"))

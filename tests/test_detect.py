@@ -158,6 +158,18 @@ def test_a_receiver_that_names_its_maker():
     assert found.model == "MediaTek NMEA receiver"
 
 
+@pytest.mark.parametrize("end", [b"\n\r", b" \r", b"\r"])
+@pytest.mark.parametrize("start_s", [0.3, 0.3077])
+def test_lines_as_long_as_the_frames_of_an_epson_are_text(end, start_s):
+    """The successor of the SerAccel ends its lines with LF CR; a number above zero begins with a blank: 0x20."""
+    text = b" 0.101\t-0.203\t 0.972" if len(end) > 1 else b"  0.101\t-0.203\t 0.972"
+    board = Speaker(57600, text + end, period_s=0.02, first_s=start_s)
+    assert len(board.burst) == 22
+    found, _ = run(detect(), board)
+    assert (found.driver, found.baud) == ("seraccel", 57600)
+    assert not board.written
+
+
 def test_what_the_user_names_is_all_that_is_tried():
     device = G350(230400)
     found, seconds = run(detect("epson", 230400), device)

@@ -200,6 +200,12 @@ def test_a_rate_that_the_sensor_has_not_is_answered_with_those_it_has():
     )
 
 
+def test_a_sensor_that_another_host_left_waiting_for_pulses_samples_by_its_own_clock():
+    device = G350().start()
+    device.byte[0x34] = 0x86  # EXT_SEL
+    assert configure(device).rate_hz == 1000.0
+
+
 def test_a_running_stream_is_reconfigured():
     device = G350().start(4)
     assert configure(device, rate_hz=500.0).rate_hz == 500.0

@@ -230,6 +230,13 @@ def test_a_running_stream_of_another_host_is_reconfigured():
     assert configure(device).frame_bytes == 36
 
 
+def test_a_sensor_that_another_host_left_waiting_for_pulses_samples_by_its_own_clock():
+    device = Windowed().start()
+    device.byte[1, 0x02] = 0x86  # EXT_SEL
+    result = configure(device)
+    assert (result.rate_hz, result.frame_bytes, result.warnings) == (1000.0, 36, ())
+
+
 @pytest.mark.parametrize(("fields", "wide"), [(0xF006, 0), (0xF007, 0x70), (0xF003, 0x30), (0x3000, 0)])
 def test_a_stream_is_recognised_by_itself_whatever_its_layout(fields, wide):
     device = Windowed().start(fields=fields, wide=wide)

@@ -6,7 +6,8 @@ from fractions import Fraction
 import pytest
 from nmea_lines import decode, gga, line, rmc, vtg
 
-from imud.drivers.nmea.decoder import SILENCE_NS, NmeaDecoder
+from imud.drivers.nmea.burst_silence import SILENCE_NS
+from imud.drivers.nmea.decoder import NmeaDecoder
 
 
 class Receiver:
@@ -65,6 +66,41 @@ def test_any_order_of_sentences_gives_each_epoch_once_with_its_own_speed(order, 
     assert [fix.utc_s for fix in receiver.fixes] == [43200 + k for k in range(6)]
     if vtg in order:  # the very first sentence may be the end of a burst
         assert [fix.speed_mps for fix in receiver.fixes][1:] == [float(Fraction(k) * 10 / 36) for k in range(1, 6)]
+
+
+def played(bursts, gap_s):
+    """Fixes with the times at which they were ready, of bursts a second apart: each sentence `gap_s` after the other.
+
+    The decoder is asked every 20 ms whether an epoch has ended by silence, as by the daemon.
+    """
+    decoder, ready = NmeaDecoder(), []
+    due = [(k + i * gap_s, one) for k, burst in enumerate(bursts) for i, one in enumerate(burst) if one]
+    for step in range(50 * len(bursts) + 50):
+        now_s = step / 50
+        while due and due[0][0] <= now_s:
+            ready += [(fix, now_s) for fix in decoder.feed(due.pop(0)[1], 10**12 + round(now_s * 1e9))]
+        ready += [(fix, now_s) for fix in decoder.flush(10**12 + round(now_s * 1e9))]
+    return ready, decoder.counters
+
+
+@pytest.mark.parametrize("order", [(gga, vtg, rmc), (rmc, vtg, gga), (gga, rmc, vtg), (rmc, gga)])
+@pytest.mark.parametrize("gap_s", [0.2, 0.24, 0.3])
+def test_sentences_that_a_multiplexer_passes_on_one_by_one_are_of_one_epoch(order, gap_s):
+    """Less than half of the second is between two bursts, so that VTG, which has no time, is of the burst before it."""
+    make = {gga: gga, vtg: lambda time: vtg(), rmc: rmc}
+    fixes = [fix for fix, _ in played([[make[kind](at(k)) for kind in order] for k in range(40)], gap_s)[0]]
+    assert [fix.utc_s - 43200 for fix in fixes] == list(range(40))
+    assert all(fix.speed_mps and fix.alt_msl_m and fix.date for fix in fixes[12:])
+
+
+def test_a_silence_ends_a_burst_as_soon_as_ever_unless_more_comes_after_it_again_and_again():
+    bursts = [[gga(at(k)), rmc(at(k))] for k in range(30)]
+    for k in (5, 6, 15):  # this process was delayed
+        bursts[k] = [gga(at(k)), b"", b"", b"", rmc(at(k))]
+    ready, counters = played(bursts, 0.1)
+    assert counters["late"] == 3
+    gaps = [now_s - k for k, (_, now_s) in enumerate(ready)]
+    assert max(gaps) < 0.1 + SILENCE_NS * 1e-9 + 0.03
 
 
 @pytest.mark.parametrize("paused", [True, False])

@@ -169,6 +169,22 @@ def test_a_stranger_that_talks_is_not_written_to():
     assert device.written == b""
 
 
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"-12.31,3.05,171.80\r\n",  # angles of a breakout board
+        b"X: 21.45 Y: -4.10 Z: 43.75\r\n",  # a magnetometer's field, microtesla
+        b"1024 0512 0760\r\n",  # of a converter with more bits
+        b"-5 12 7\r\n",
+    ],
+)
+def test_three_numbers_that_no_board_sends_are_another_device(sent):
+    device = Speaker(57600, sent, period_s=0.02)
+    found, _ = run(detect(), device)
+    assert isinstance(found, UnrecognisedData) and found.baud == 57600
+    assert device.written == b""
+
+
 def test_an_unknown_menu_is_not_left():
     device = Board(menu=b"[1] Coffee\r\n[x] Exit\r\nSelection: ")
     device.host_baud = device.baud

@@ -133,8 +133,7 @@ class Epson:
             return Unsupported(self.name, identity.model, why, identity.baud)
         warnings += yield from choose_layout(layouts[:1] if identity.spi else layouts)
         rate, refused = yield from program(model, code, taps, automatic=not (polled or identity.spi))
-        if identity.spi:
-            yield from enable_data_ready(dialect)
+        yield from enable_data_ready(dialect)
         fetched = fetch(dialect, layouts[0], rate) if identity.spi else None
         layout = yield from start(dialect, polled, fetched)
         if layout is None:

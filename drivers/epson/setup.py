@@ -158,7 +158,7 @@ def kept_bits(register: Register, wanted: int, bits: int) -> Dialogue[int]:
 
 
 def enable_data_ready(dialect: Dialect) -> Dialogue[None]:
-    """Enable the new-data bits of FLAG, and the data-ready line."""
+    """Enable the new-data bits of FLAG and the data-ready line, and end an external trigger of another host's."""
     yield from write_register(dialect.signal, high=ALL_NEW)
     yield from write_register(dialect.test, low=DATA_READY)
 

@@ -9,8 +9,12 @@ ENOUGH_FRAMES = 3  # in sequence: 1 in 2^48 of random bytes
 
 
 def is_frame(frame: bytes, header: int, checked: bool = False) -> bool:
-    """Whether header and CR are at the ends, and the sum fits if there is one."""
-    if frame[0] != header or frame[-1] != CR:
+    """Whether header and CR are at the ends, and the sum fits if there is one.
+
+    Lines of text may begin with a blank, which is the flat header, and end in CR. A frame is no text: FLAG is 0xFE00,
+    and where another host has cleared that, the temperature of an M-G350 is a negative word, whatever it measures.
+    """
+    if frame[0] != header or frame[-1] != CR or frame.isascii():
         return False
     words = [int.from_bytes(frame[i : i + 2]) for i in range(1, len(frame) - 2, 2)]
     return not checked or sum(words[:-1]) & 0xFFFF == words[-1]

@@ -14,6 +14,7 @@ from collections import Counter
 from ..fix import Fix, Reading, ReceiverStatus, Sky
 from .accuracy import STATED_NS, StatedAccuracy
 from .burst_order import FIRST_ELSEWHERE, LAST_ELSEWHERE, BurstOrder, RegularKinds
+from .burst_silence import SILENCE_NS, BurstSilence
 from .content import READERS, Content, GgaGns, GsaMode, Gst, RmcGllGroup, Vtg
 from .epochs import DAY_NS, Epoch, contradictory, same_time
 from .gsa_history import GsaHistory
@@ -23,7 +24,6 @@ from .sentences import RefusedError, Sentence, Splitter
 from .sky import SkyCollector
 from .untimed import ADJACENT, SAME_BURST, HeldVtg
 
-SILENCE_NS = 200_000_000  # longer than any pause within a burst, and than all together
 IDLE_NS = 25_000_000  # from this on it is a pause, not the way in which an adapter delivers bytes
 LATE_INTERVALS = 1.1  # intervals after an epoch's first sentence, in which one without a time can be of that epoch
 INTERVAL_MAX_NS = 10_000_000_000
@@ -49,7 +49,7 @@ class NmeaDecoder:
         self._splitter = Splitter(self.counters, unchecked)
         self._epoch: Epoch | None = None
         self._beginnings, self._endings = BurstOrder(FIRST_ELSEWHERE), BurstOrder(LAST_ELSEWHERE)
-        self._regular = RegularKinds()
+        self._regular, self._silence = RegularKinds(), BurstSilence()
         self._accuracy = StatedAccuracy()
         self._burst = 0  # number of the newest
         self._came: dict[str, tuple[int, int]] = {}  # by kind that others precede: burst and arrival of its last epoch
@@ -95,12 +95,12 @@ class NmeaDecoder:
         if pause_ns >= IDLE_NS:
             self._pauses_ns += pause_ns
             self._idle_ns += pause_ns
-        if max(pause_ns, self._idle_ns) >= SILENCE_NS:
+        if max(pause_ns, self._idle_ns) >= self._silence.ns:
             self._pause_ns, self._idle_ns = arrival_ns, 0
 
     def flush(self, now_ns: int) -> list[Fix]:
         """See `GnssDecoder`."""
-        if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < SILENCE_NS:
+        if self._last_arrival_ns is None or now_ns - self._last_arrival_ns < self._silence.ns:
             return []
         self._settle()
         return self._close()
@@ -213,6 +213,8 @@ class NmeaDecoder:
             return False
         if epoch.done:
             self.counters["late"] += 1
+            if epoch.ended_by_silence:
+                self._silence.was_too_short(self._burst)
             return False
         epoch.add(kind, content)
         self._idle_ns = 0
@@ -289,6 +291,7 @@ class NmeaDecoder:
         if self._epoch is None or self._epoch.done:
             return []
         self._endings.confirm(self._epoch.last)
+        self._epoch.ended_by_silence = True
         return self._finish()
 
     def _finish(self) -> list[Fix]:

@@ -27,6 +27,7 @@ class Epoch:
     utc_ns: int | None = None
     last: str = ""
     done: bool = False
+    ended_by_silence: bool = False
     gga: GgaGns | None = None
     gns: GgaGns | None = None
     rmc: RmcGllGroup | None = None

@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from .ranges import FULL_COUNT
+
 _NUMBER = rb"([+-]?\d{1,4}(?:\.\d{1,4})?)"
 _BETWEEN, _END = rb"[ \t,;]", rb"[ \t]*[\r\n]+"
 LABELLED = re.compile(
@@ -11,6 +13,7 @@ LABELLED = re.compile(
     re.IGNORECASE,
 )
 PLAIN = re.compile(rb"[ \t]*" + (_BETWEEN + rb"+").join([_NUMBER] * 3) + _END)
+FORCE_MAX_G = 10.0  # 8.25 at the converter's end in the widest range, and an offset
 PIECE = re.compile(rb"[^\r\n]*(?:[\r\n]+|\Z)")  # matches everywhere: a search that fails takes the square of the bytes
 PLAIN_LINES = 3  # in sequence; one line with labels is enough
 BINARY = re.compile(rb"(?:#[\0-\3].[\0-\3].[\0-\3].\$){5,}", re.DOTALL)
@@ -58,13 +61,20 @@ def _text_runs(received: bytes) -> Iterator[list[re.Match[bytes]]]:
     run: list[re.Match[bytes]] = []
     for piece in PIECE.findall(received)[1:]:
         line = LABELLED.fullmatch(piece) or PLAIN.fullmatch(piece)
-        if line and len({b"." in line[axis] for axis in (1, 2, 3)}) == 1:
+        if line and _is_plausible(line[1], line[2], line[3]):
             run.append(line)
         elif run:
             yield run
             run = []
     if run:
         yield run
+
+
+def _is_plausible(*numbers: bytes) -> bool:
+    """Whether the board sends such numbers. Other devices send angles, or fields in microtesla, in the same form."""
+    if all(b"." in number for number in numbers):
+        return max(abs(float(number)) for number in numbers) <= FORCE_MAX_G
+    return not any(b"." in number for number in numbers) and all(0 <= int(number) <= FULL_COUNT for number in numbers)
 
 
 def menu_in(received: bytes) -> bytes:

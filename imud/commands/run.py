@@ -2,12 +2,13 @@
 
 import argparse
 import signal
+from collections.abc import Callable
 
 from ..client import GPSD_ADDRESS
 from ..configuration.fields import replace
 from ..configuration.settings import Settings
 from ..daemon import simulated
-from ..errors import CannotCreateError, UsageError
+from ..errors import CannotCreateError, ConfigError, ImudError, UsageError
 from ..process import log
 from ..setup import config
 from .arguments import add_settings, seed
@@ -75,32 +76,59 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(settings: Settings) -> None:
-    """The checks that need no device. Raises ConfigError, UsageError, CannotCreateError."""
+    """The checks that need no device: all of them, each by itself. Raises what the daemon would, or ConfigError."""
+    errors = []
+    for name, check in _checks(settings).items():
+        try:
+            check()
+        except ImudError as error:
+            errors.append(type(error)(str(error) if name in str(error) else f"{name}: {error}"))
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        raise ConfigError("bad configuration\n  " + "\n  ".join(map(str, errors)))
+
+
+def _checks(settings: Settings) -> dict[str, Callable[[], object]]:
+    """Each by the setting that it reads, for messages that do not name it."""
     from ..daemon import aiding_socket
     from ..daemon.corrections import address_of
     from ..outputs.addresses import addresses_of, parse_path
     from ..outputs.nmea import udp_address
     from ..outputs.plugin import installed
-    from ..recording.control import folder_trouble
+    from ..setup import choices
+
+    checks: dict[str, Callable[[], object]] = {
+        "port": lambda: _check_ports(settings),
+        "estimator": lambda: choices.estimators(settings),
+        "record.folder": lambda: _check_folder(settings.record.folder),
+        "gpsd.listen": lambda: addresses_of(settings.gpsd),
+        "outputs": lambda: [installed(name) for name in settings.outputs],
+    }
+    if stream := settings.stream.listen:
+        checks["stream.listen"] = lambda: parse_path(stream)
+    if settings.nmea.udp:
+        checks["nmea.udp"] = lambda: udp_address(settings.nmea)
+    if aiding := settings.aiding.listen:
+        checks["aiding.listen"] = lambda: aiding_socket.address_of(aiding)
+    if rtcm := settings.gnss.rtcm:
+        checks["gnss.rtcm"] = lambda: address_of(rtcm)
+    return checks
+
+
+def _check_ports(settings: Settings) -> None:
     from ..setup import choices
 
     simulated.check(settings.ports)
     real = tuple(text for text in settings.ports if not text.startswith(simulated.SCHEME))
     choices.ports(replace(settings, ports=real))
-    choices.estimators(settings)
-    if trouble := folder_trouble(settings.record.folder):
+
+
+def _check_folder(folder: str) -> None:
+    from ..recording.control import folder_trouble
+
+    if trouble := folder_trouble(folder):
         raise CannotCreateError(trouble)
-    addresses_of(settings.gpsd)
-    if settings.stream.listen:
-        parse_path(settings.stream.listen)
-    if settings.nmea.udp:
-        udp_address(settings.nmea)
-    if settings.aiding.listen:
-        aiding_socket.address_of(settings.aiding.listen)
-    if settings.gnss.rtcm:
-        address_of(settings.gnss.rtcm)
-    for name in settings.outputs:
-        installed(name)
 
 
 def _settings(args: argparse.Namespace, regular_only: bool = False) -> Settings:

@@ -1,11 +1,13 @@
 """Log lines for changes in a running daemon: each change once, and only if it lasts."""
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
 from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
 
 STATUS_LASTS_NS, FAULT_LASTS_NS = 1_000_000_000, 500_000_000  # a change must last so long to be logged
+# each fix of a receiver that sends every 10 or 30 s ends COASTING for 2.5 s (`coasting_s`): these fixes are not back
+_END_LASTS_NS: dict[Hashable, int] = {COASTING: 3_500_000_000}
 _STATUS = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
     (HEADING_VALID, "heading is valid", "heading is lost"),
@@ -20,10 +22,10 @@ LOGGED = sum(bit for bit, *_ in _STATUS)
 
 
 class Debouncer:
-    """A set whose changes count once they have lasted `lasting_ns`."""
+    """A set whose changes count once they have lasted `lasting_ns`, or `end_lasting_ns` of a member that is removed."""
 
-    def __init__(self, lasting_ns: int) -> None:
-        self._lasting_ns = lasting_ns
+    def __init__(self, lasting_ns: int, end_lasting_ns: Mapping[Hashable, int] | None = None) -> None:
+        self._lasting_ns, self._end_lasting_ns = lasting_ns, end_lasting_ns or {}
         self._reported: set[Hashable] = set()
         self._since_ns: dict[Hashable, int] = {}
 
@@ -39,11 +41,15 @@ class Debouncer:
             self._since_ns.clear()
             return [], []
         self._since_ns = {member: self._since_ns.get(member, now_ns) for member in different}
-        lasted = [member for member, since_ns in self._since_ns.items() if now_ns - since_ns >= self._lasting_ns]
+        lasted = [member for member, since_ns in self._since_ns.items() if now_ns - since_ns >= self._least_ns(member)]
         added = [member for member in lasted if member not in self._reported]
         removed = [member for member in lasted if member in self._reported]
         self._reported.symmetric_difference_update(lasted)
         return added, removed
+
+    def _least_ns(self, member: Hashable) -> int:
+        is_end = member in self._reported
+        return self._end_lasting_ns.get(member, self._lasting_ns) if is_end else self._lasting_ns
 
 
 class ChangeLogger:
@@ -51,7 +57,7 @@ class ChangeLogger:
 
     def __init__(self, log: Any) -> None:
         self._log = log
-        self._status = Debouncer(STATUS_LASTS_NS)
+        self._status = Debouncer(STATUS_LASTS_NS, _END_LASTS_NS)
         self._faults: dict[str, Debouncer] = {}
 
     @property

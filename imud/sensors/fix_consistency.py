@@ -15,6 +15,7 @@ import numpy as np
 from ..math.arrays import Floats, Records
 from ..math.earth import MEAN_RADIUS_M
 from .gnss import Refusal
+from .misread_columns import misread_columns
 
 FROZEN = Refusal("frozen", "their position has never changed although their velocity says that it moves")
 
@@ -108,8 +109,11 @@ class FixConsistency:
 def consistent(fixes: Records, warn: Callable[[str], object]) -> Records:
     """The fixes (array of FIX) of one receiver without those that cannot be right, and without wrong velocities.
 
-    warn: called if there are such.
+    warn: called if there are such. Where columns are misread, nothing is left out.
     """
+    if misread := misread_columns(fixes):
+        warn(misread)
+        return fixes
     consistency, kept, wrong, fault = FixConsistency(), [fixes[:0]], 0, ""
     for k in range(len(fixes)):
         fix = fixes[k : k + 1]

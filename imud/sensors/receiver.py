@@ -43,7 +43,7 @@ _CLOCK = Refusal("unknown age", "their age is not known: their times do not go o
 _NO_PAUSE = Refusal("unknown age", "their age is not known: the line has no pauses, so they may have waited for it")
 _TOO_SLOW = "its line is too slow for all that it sends, which comes late: a higher baud rate, or fewer messages"
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
-_NO_POSITION = "tells no position, as GGA, RMC, GNS, GLL or TPV do"
+_NO_POSITION = "sends no position: no GGA, RMC, GNS, GLL or TPV"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
 _UNUSED = (
     "sensor: sends nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
@@ -298,7 +298,7 @@ class Receiver:
             return "receiver: no fix"
         if now_ns - (self._last.arrival_ns if self._last else self._connected_ns) > self._stale_ns:
             untimed = self._last is None and self.decoder.counters.get("no time")
-            return _UNTIMED if untimed else "receiver: says that it has a fix, but tells no new one"
+            return _UNTIMED if untimed else "receiver: reports a fix, but sends no new one"
         return ""
 
     def _lack_of_positions(self) -> str:

@@ -1,7 +1,7 @@
 """Choices that follow from the settings, and from the sensor that was found: ports, estimator, noise profile."""
 
-from collections import Counter
-from collections.abc import Collection
+import os
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -36,11 +36,21 @@ def ports(settings: Settings) -> list[tuple[PortSpec, Options]]:
         set_up_nmea=gnss.configure,
     )
     specs = [_spec(text, settings) for text in settings.ports]
-    named = Counter(str(spec) if spec.path.startswith(RECORDED) else spec.path for spec in specs)
-    if twice := [path for path, times in named.items() if times > 1]:
-        raise UsageError(f"port {', '.join(twice)} is named twice")
+    _refuse_twice(specs)
     readonly = _readonly(settings.readonly, [spec.path for spec in specs])
     return [(spec, _options_of(spec, options, readonly)) for spec in specs]
+
+
+def _refuse_twice(specs: Iterable[PortSpec]) -> None:
+    """Raises UsageError where two of them are one device, perhaps by a link such as /dev/serial/by-id/…."""
+    named: dict[str, str] = {}
+    for spec in specs:
+        name = str(spec) if spec.path.startswith(RECORDED) else spec.path
+        device = name if spec.path.startswith(RECORDED) else os.path.realpath(name)
+        if device in named:
+            also = "" if name == named[device] else f", also as {name}"
+            raise UsageError(f"port {named[device]} is named twice{also}")
+        named[device] = name
 
 
 def _options_of(spec: PortSpec, options: Options, readonly: Collection[str]) -> Options:

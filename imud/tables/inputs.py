@@ -234,7 +234,9 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
         return fix
     for name, (low, high) in _LIMITS.items():
         if not low <= fix.get(name, low) <= high and (name in ("lat_deg", "lon_deg") or not math.isnan(fix[name])):
-            raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}")
+            exchanged = name == "lat_deg" and low <= fix["lon_deg"] <= high
+            question = ": are lat_deg and lon_deg exchanged?" if exchanged else ""
+            raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}{question}")
     if math.isnan(fix["t_s"]):
         raise ValueError(f"{where}: t_s is empty")
     if fix.get("arrival_s", math.nan) < fix["t_s"] - _EARLY_S:

@@ -102,7 +102,7 @@ def pose_jacobian(c: Core, arm: Vector, i: int) -> int:
     """Jacobian of element i; returns its length."""
     if i == 3:
         x, y, z = body_to_ned(c, (1.0, 0.0, 0.0))
-        return yaw_jacobian(c, 0, x, y, z)
+        return yaw_jacobian(c, x, y, z)
     return set_jacobian3(c, set_jacobian(c, 0, POSITION + i, 1.0), ATTITUDE, attitude_row(arm, i))
 
 

@@ -152,13 +152,13 @@ def check_trust(p: Parameters, c: Core, t_ns: int, agrees: bool) -> None:
 
 
 @kernel
-def yaw_jacobian(c: Core, length: int, x: float, y: float, z: float) -> int:
-    """Append the Jacobian of the yaw of d = (x, y, z), the body's x axis in NED; returns the Jacobian's length.
+def yaw_jacobian(c: Core, x: float, y: float, z: float) -> int:
+    """Jacobian of the yaw of d = (x, y, z), the body's x axis in NED; returns its length.
 
     It changes by (d x (phi x d))_down / (x^2 + y^2).
     """
     level2 = x * x + y * y
-    length = set_jacobian(c, length, ATTITUDE, -x * z / level2)
+    length = set_jacobian(c, 0, ATTITUDE, -x * z / level2)
     length = set_jacobian(c, length, ATTITUDE + 1, -y * z / level2)
     return set_jacobian(c, length, ATTITUDE + 2, 1.0)
 
@@ -175,7 +175,7 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
     r = sigma_of(p, m) ** 2
     timing = rate * rate * (p.tuning.heading_time_sigma**2 + c.scratch.age_variance)
     learn_deviation(p, c, m, off + c.heading_aid.boresight, r, rate, timing)
-    length = yaw_jacobian(c, 0, x, y, z)
+    length = yaw_jacobian(c, x, y, z)
     add_heading_turn(p, c, m.t_ns, m.value[0], rate, r)
     others = headings_per_error(p, c, m) - 1.0
     gate = p.tuning.heading_gate

@@ -197,7 +197,7 @@ def fuse_magnetometer(p: Parameters, c: Core, m: Measurement, innovations: list[
     g, steady, known = c.magnetometer, is_earths_field(p, c, m), variance(c, ATTITUDE + 2)
     distrust_after_inflation(p, c, m, known)
     north, east, down = field_in_ned(c, m)
-    z, length = field_innovation(c, m), yaw_jacobian(c, 0, north, east, down)
+    z, length = field_innovation(c, m), yaw_jacobian(c, north, east, down)
     rate = body_to_ned(c, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))[2]
     z -= rate * 1e-9 * (m.t_ns - c.nav.t_ns)  # 0 but for an epoch after the newest sample
     least, h = field_variance(p, c, m), cross_covariance(c, length)

@@ -38,6 +38,7 @@ from .gnss_reset import (
     inflate_after_outage,
     inflate_to_diverging,
     inflate_to_fix,
+    lose_attitude,
     reset_to_gnss,
 )
 from .heading_contradiction import count_reset
@@ -339,8 +340,10 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         return False
     if diverges and diverging_inflation(p, c, nis) > 1.0:
         inflate_to_diverging(p, c, nis)
-    elif not supported and was_coasting(p, c, g.outage_at_reject_s) and (nis < p.tuning.max_inflation or is_lost(p, c)):
+    elif not supported and was_coasting(p, c, g.outage_at_reject_s) and nis < p.tuning.max_inflation:
         inflate_to_fix(c, nis)
+    elif not supported and is_lost(p, c):
+        lose_attitude(p, c)
     else:
         reset_to_gnss(p, c, 0, 2, supported, consistent_s)
         count_reset(c, supported)

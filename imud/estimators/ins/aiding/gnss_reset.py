@@ -179,6 +179,13 @@ def inflate_to_diverging(p: Parameters, c: Core, nis: float) -> None:
 
 
 @kernel
+def lose_attitude(p: Parameters, c: Core) -> None:
+    """Make the tilt as uncertain as one that is lost."""
+    for i in range(2):
+        decorrelate(c, ATTITUDE + i, 4.0 * p.tuning.max_linear_tilt**2)
+
+
+@kernel
 def attitude_is_lost(p: Parameters, c: Core) -> bool:
     """Whether the tilt is so uncertain, as after an outage in which a bias has stepped, that no update is linear."""
     tilt2 = max(variance(c, ATTITUDE), variance(c, ATTITUDE + 1))

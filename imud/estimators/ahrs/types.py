@@ -222,6 +222,20 @@ class Stamps:
     slope_variance: float
 
 
+class Queue:
+    intervals: int
+    change: Reals
+    change_before: Reals
+    newest_rate: Reals
+    newest_force: Reals
+    weight: float
+    rate: Reals
+    force: Reals
+    square: float
+    unexplained: float
+    count: float
+
+
 class Integrals:
     time: float
     c: Reals
@@ -439,6 +453,7 @@ class State:
     cov: Covariance
     imu: Imu
     stamps: Stamps
+    queue: Queue
     integrals: Integrals
     levelling: Levelling
     motion: Motion

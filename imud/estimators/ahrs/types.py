@@ -128,6 +128,7 @@ class Tuning:
     min_drag_correlation2: float
     max_drag: float
     drag_constant_weight: float
+    accel_bias_walk_per_acceleration: float
     gust_noise: float
     drag_noise: float
     max_lsb_radps: float

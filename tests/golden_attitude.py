@@ -111,6 +111,16 @@ def rest_with_a_step_of_the_bias():
     return judged(samples)
 
 
+@golden("attitude")
+def rest_with_steps_of_both_biases():
+    """The force is no gravity then, and stays where it is while the rate says that it turns."""
+    truth = simulate(60.0, 100.0)
+    samples = shown(truth)
+    samples["f"][truth.t > 20.0] += (0.3, 0.1, 0.2)
+    samples["w"][truth.t > 21.0] += (0.6 * DEG, -0.4 * DEG, -0.7 * DEG)
+    return judged(samples)
+
+
 def graded(duration, rate_hz, begin, kinds):
     """What is added to the samples of a rest: for each kind 8 spells of 4 s, ever stronger, with 4 s of rest between.
 

@@ -87,6 +87,7 @@ AHRS = {
     "Covariance": ahrs.COVARIANCE,
     "Imu": ahrs.IMU,
     "Stamps": ahrs.STAMPS,
+    "Queue": ahrs.QUEUE,
     "Integrals": ahrs.INTEGRALS,
     "Levelling": ahrs.LEVELLING,
     "Motion": ahrs.MOTION,

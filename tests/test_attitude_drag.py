@@ -11,8 +11,9 @@ from replay_in_process import replay
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ahrs import drag
+from imud.estimators.ahrs.error_model import add_process_noise, variance
 from imud.estimators.ahrs.setup import configure, start
-from imud.estimators.ahrs.state import REGRESSION
+from imud.estimators.ahrs.state import ACCEL_BIAS, REGRESSION
 from imud.estimators.records import ATTITUDE_VALID
 
 
@@ -96,3 +97,16 @@ def test_the_regression_is_that_by_matrices():
     weight = p.tuning.drag_constant_weight * np.diag([1.0, 1.0, 1.0, 0.0])
     by_matrices = np.linalg.solve(rows[:, :4].T @ rows[:, :4] + weight, rows[:, :4].T @ rows[:, 4])
     np.testing.assert_allclose([*s.drag.constant, -s.drag.per_mass], by_matrices, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("per_mass", "walks"), [(0.0, False), (0.2, True)])
+def test_the_accelerometer_bias_of_what_hangs_on_its_rotors_walks_with_its_acceleration(per_mass, walks):
+    p = Fields(configure(Settings(), 100.0)[0])
+    s = Fields(start(configure(Settings(), 100.0), Initial())[0])
+    s.drag.per_mass, s.integrals.time = per_mass, 0.0
+    s.integrals.a_outer_a = (2.0, 0.0, 0.0, 3.0, 0.0, 4.0)  # (m/s^2)^2 s
+    before = [interpreted(variance)(s, ACCEL_BIAS + i) for i in range(3)]
+    interpreted(add_process_noise)(p, s)
+    added = [interpreted(variance)(s, ACCEL_BIAS + i) - before[i] for i in range(3)]
+    expected = 9.0 * p.tuning.accel_bias_walk_per_acceleration**2 if walks else 0.0
+    np.testing.assert_allclose(added, expected, atol=1e-12)

@@ -76,6 +76,19 @@ def test_a_wrong_tilt_at_rest_is_corrected_when_no_acceleration_lasts_so_long(an
     assert_found(samples, attitude, truth.t > SLIP_S + 33.0, 1.0, 2.0)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_both_biases_that_step_at_rest_are_no_motion(seed):
+    """The force, which is no gravity then, stays where it is while the rate says that it turns."""
+    truth, rng = simulate(60.0, 50.0), np.random.default_rng(seed)
+    samples = samples_from(truth, Flaws(gyro_bias=(0.2 * DEG,) * 3), seed)
+    samples["f"][truth.t > 20.0] += (0.3, 0.1, 0.2)
+    samples["w"][truth.t > 20.0 + rng.uniform(0.0, 2.0)] += 0.7 * DEG * np.array([0.8, -0.6, -1.0])
+    out = solutions_of(samples)
+    tilt, yaw = errors_deg(out["q_nb"], truth.attitude)
+    assert not np.any((tilt > 5.0) & (tilt**2 > 8.0 * tilt_variance_deg2(out)))
+    assert np.ptp(yaw[truth.t > 30.0]) < 3.0
+
+
 @pytest.mark.parametrize("angle_deg", [5.0, 15.0])
 def test_a_vehicle_that_stands_where_its_road_shook_it_is_levelled_at_once(angle_deg):
     speed_up, brake = steady((2.0, 0.0, 0.0), 5.0, 10.0), steady((-2.0, 0.0, 0.0), 12.0, 17.0)

@@ -64,6 +64,19 @@ def test_a_tap_that_turns_the_sensor_is_no_spike():
         np.testing.assert_allclose(changed[name][500:8000].reshape(-1, 300, 3).sum(axis=1), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_spike_of_a_rate_beside_a_knock_is_no_motion(axis):
+    """The force may have been motion, the rate was none: it was added to the third sample."""
+    _, samples = in_a_hand(50.0, 7)
+    at = np.arange(100, 1500, 90)
+    samples["w"][at, axis] += 26.0
+    samples["f"][at[:, None] + [0, 1, 2], 1] += (4.5, 3.0, 2.4)
+    changed, said = difference(samples)
+    assert said[-1] == f"gyro {'xyz'[axis]} shows spikes"
+    turned = sum(changed["w"][at + i, axis] for i in range(4))
+    np.testing.assert_allclose(turned, -26.0, atol=2.0)
+
+
 @pytest.mark.parametrize("rate_hz", [100.0, 285.0])
 def test_samples_of_which_all_is_damaged_cost_little(rate_hz):
     truth, samples = in_a_hand(rate_hz, 5)

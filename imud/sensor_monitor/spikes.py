@@ -184,6 +184,15 @@ def give_back(s: Spikes, sample: Any) -> None:
 
 
 @kernel
+def forget_withheld(s: Spikes, remaining: int) -> None:
+    """Only these axes may still be motion; the rates, or the forces, that are none of them were damaged."""
+    s.axes = remaining
+    for i in range(6):
+        if remaining & (RATES if i < 3 else FORCES) == 0:
+            s.withheld[i] = 0.0
+
+
+@kernel
 def discard(s: Spikes) -> None:
     """Nothing is withheld any more."""
     s.count = s.axes = 0
@@ -241,6 +250,8 @@ def replace_spikes(s: Spikes, sample: Any, invalid: int, frozen: bool) -> int:
             give_back(s, sample)
             deviating = 0
         elif remaining:
+            damaged = s.axes & ~remaining
+            forget_withheld(s, remaining)
             deviating |= remaining
         else:
             damaged = s.axes

@@ -132,12 +132,15 @@ def add_process_noise(p: Parameters, s: State) -> None:
     t, c, total = s.integrals.time, p.tuning, s.integrals
     a2 = total.a_outer_a[0] + total.a_outer_a[3] + total.a_outer_a[5]
     bias = p.gyro_bias_psd * t + c.gyro_bias_walk_per_acceleration**2 * a2
+    accel_bias = p.accel_bias_psd * t
+    if s.drag.per_mass > 0.0:
+        accel_bias += c.accel_bias_walk_per_acceleration**2 * a2
     attitude = p.gyro_psd * t + c.gyro_noise_per_rate**2 * total.w2 + total.attitude_noise
     for i in range(3):
         add_variance(s, ATTITUDE + i, attitude)
         add_variance(s, GYRO_BIAS + i, bias)
         add_variance(s, VELOCITY + i, p.accel_psd * t + total.velocity_noise)
-        add_variance(s, ACCEL_BIAS + i, p.accel_bias_psd * t)
+        add_variance(s, ACCEL_BIAS + i, accel_bias)
     k = 0
     for i in range(3):
         for j in range(i, 3):

@@ -39,6 +39,7 @@ from .outages import (
 from .power_on import reset_biases
 from .pseudo_measurements import add_truncation_noise, fuse_stationary, fuse_zero_position, fuse_zero_velocity
 from .quantization import update_quantization
+from .queues import find_lost, follow_queue
 from .sensor_axes import to_body_axes, to_sensor_axes
 from .solution import write_solution
 from .stamps import even_period, time_lost
@@ -97,6 +98,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     elif is_first:
         restart_after_gap(p, s, w, f, dt)
     else:
+        from_queue = s.stamps.waiting == 1 and s.stamps.late == 0
         dt = even_period(p, s, w, has_rate, dt)
         add_shock_noise(p, s, f, dt)
         lost_s = time_lost(p, s, dt)
@@ -104,10 +106,14 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
             add_outage_noise(p, s, w, f, dt, lost_s, sample.flags)
         if lost_s > 0.0:
             share = 0.5 * lost_s / dt
+            if from_queue:
+                find_lost(p, s, w, f, lost_s)
+                share *= 2.0
             mechanize(p, s, between(s.imu.gap_w, w, share), between(s.imu.gap_f, f, share), dt)
         else:
             add_stamp_noise(s, w, f)
             mechanize(p, s, compensate_clipping(p, s, w, dt, sample.flags), f, dt)
+        follow_queue(p, s, w, f)
         update_scatter(p, s, dt)
         if has_rate and has_force:
             update_means(p, s, w, f, dt)

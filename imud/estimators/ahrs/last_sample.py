@@ -23,6 +23,14 @@ def store_sample(s: State, w: Vector, f: Vector) -> None:
 
 
 @kernel
+def set_gap(s: State, w: Vector, f: Vector) -> None:
+    """What is lost before the next sample read rate w and force f in the mean."""
+    for i in range(3):
+        s.imu.gap_w[i] = w[i]
+        s.imu.gap_f[i] = f[i]
+
+
+@kernel
 def store_first_sample(s: State, w: Vector, f: Vector) -> None:
     """Make w and f the newest sample, without a sample before: at the start, or after a long gap."""
     store_sample(s, w, f)

@@ -288,6 +288,13 @@ _DRAG = (
     ),
     Tunable("max_drag", 1.0, "1/s", "Most drag per velocity and mass.", FLIGHTS),
     Tunable("drag_constant_weight", 0.4, "", "Weight of a constant force of zero.", FLIGHTS, low=1e-3),
+    Tunable(
+        "accel_bias_walk_per_acceleration",
+        3e-3,
+        "1/sqrt(s)",
+        "Random walk of the accelerometer bias of what hangs on its rotors, in proportion to the acceleration.",
+        FLIGHTS,
+    ),
     Tunable("gust_noise", 10.0, "m/s sqrt(s)", "Noise density of slow gusts.", FLIGHTS),
     Tunable("drag_noise", 4.0, "", "Noise of the velocity by drag, over that of white residuals.", FLIGHTS),
 )

@@ -32,6 +32,10 @@ NOISE_SIGMAS = 4.0  # a change of the rate within so many of the gyro's noise sh
 LEAST_PERIOD = 0.05  # in periods: time does not stand still
 MAX_MISFITS = 32  # so many samples off the line: the rate has changed, or there is no even one
 BLOCK_SAMPLES = 32  # whose mean period is compared with the line's
+LOSS_PROBABILITY = 0.01  # of a sample, beforehand
+LOSS_LOG_ODDS = math.log(LOSS_PROBABILITY)
+RETURNS = 10  # where samples were late, so many lost ones in a row show that none is any more
+AT_ONCE = 0.25  # in periods; within it of the one before it a sample comes from a queue
 MAX_REACH = 0.75  # in periods; what is further from one is no scatter, but lost or late
 MAX_SLOPE_OF_QUEUES = 0.5  # where stamps are rather right no sample comes from a queue
 PERIOD_ERROR = 0.05  # of the period assumed beforehand
@@ -149,10 +153,14 @@ def count_misfit(s: State) -> None:
 
 @kernel
 def gate_of(s: State) -> float:
-    """What is further from the line is no scatter, s; the rate is as unsure as the line is short."""
+    """What is further from the line is no scatter, s: it is likelier that a sample is lost.
+
+    By Bayes' rule, of two normal distributions a period apart. The rate is as unsure as the line is short.
+    """
     stamps = s.stamps
     rate_error = PERIOD_ERROR * stamps.unobserved * 4.0 / (stamps.count + 4.0)
-    return max(max(0.5, rate_error) * stamps.period, SCATTER_SIGMAS * stamps.scatter)
+    by_scatter = -LOSS_LOG_ODDS * stamps.scatter**2 / stamps.period
+    return max(0.5 * stamps.period + by_scatter, rate_error * stamps.period)
 
 
 @kernel
@@ -169,13 +177,13 @@ def periods_since_last(s: State, dt: float) -> float:
         return 1.0
     periods = math.floor(late / stamps.period + 1.5)
     if periods < 1.0:
-        stamps.returns = 1
+        stamps.returns = RETURNS if dt < AT_ONCE * stamps.period else max(stamps.returns, 1)
         if stamps.queued == 0 and dt > LEAST_PERIOD * stamps.period:
             count_misfit(s)
         stamps.queued = max(stamps.queued - 1, 0)
         return max(periods, 0.0)
     stamps.queued = int(min(periods, 1e6)) + (stamps.queued if stamps.waiting == 0 else 0)
-    if stamps.returns == 1 and least_slope(s) < MAX_SLOPE_OF_QUEUES:
+    if stamps.returns > 0 and least_slope(s) < MAX_SLOPE_OF_QUEUES:
         lost = lost_in_queue(s)
         if lost + 1.0 < periods and not (stamps.waiting == 1 and stamps.late == 1):
             if lost > 0.0 or (stamps.waiting == 1 and stamps.ahead > gate_of(s)):
@@ -183,7 +191,7 @@ def periods_since_last(s: State, dt: float) -> float:
             stamps.waiting = 1
             return lost + 1.0
     count_misfit(s)
-    stamps.returns = stamps.waiting = 0
+    stamps.returns, stamps.waiting = max(stamps.returns - 1, 0), 0
     return periods
 
 

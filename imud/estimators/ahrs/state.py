@@ -88,7 +88,7 @@ IMU = np.dtype(  # the newest good sample as measured
         ("w", "<f8", (3,)),  # rad/s
         ("f", "<f8", (3,)),  # m/s^2
         ("f_change", "<f8", (3,)),  # m/s^2, from the sample before
-        ("gap_w", "<f8", (3,)),  # rad/s, of the newest sample, or of the one before what may be a gap
+        ("gap_w", "<f8", (3,)),  # rad/s, of the newest sample, of the one before what may be a gap, or of what is lost
         ("gap_f", "<f8", (3,)),  # m/s^2, the same
         ("outage_s", "<f8"),  # for how long the rate has been held
         ("fault_s", "<f8"),  # for how long the sensor has been at fault then; 0: its samples are damaged on the line
@@ -103,7 +103,7 @@ STAMPS = np.dtype(
         ("ahead", "<f8"),  # s, by how much the newest sample is later than its stamp
         ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
         ("late", "<i8"),  # 1: the newest sample came late, or after lost ones
-        ("returns", "<i8"),  # 1: the last sample that was taken for one after lost ones was late
+        ("returns", "<i8"),  # so many more have to come after lost ones until what is late does; 0: none was late
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
         ("unobserved", "<f8"),  # samples since one was on the line
         ("queued", "<i8"),  # so many samples that were taken for lost may yet come at once
@@ -123,6 +123,25 @@ STAMPS = np.dtype(
         ("slope_variance", "<f8"),
     ],
     align=True,
+)
+
+QUEUE = (
+    np.dtype(  # of samples that come at once; an interval is from one to the next, and the first ends with the first
+        [
+            ("intervals", "<i8"),  # in a row
+            ("change", "<f8", (3,)),  # rad/s, of the rate in the newest one
+            ("change_before", "<f8", (3,)),  # in the one before
+            ("newest_rate", "<f8", (3,)),  # rad/s, NED, mean rate of the newest one
+            ("newest_force", "<f8", (3,)),  # m/s^2, NED
+            ("weight", "<f8"),  # sum of the probabilities that samples are lost in intervals but the newest
+            ("rate", "<f8", (3,)),  # the same times their rates
+            ("force", "<f8", (3,)),
+            ("square", "<f8"),  # (rad/s)^2
+            ("unexplained", "<f8"),  # changes less what their neighbours explain, over these; squared, sum, which fades
+            ("count", "<f8"),  # of changes in it
+        ],
+        align=True,
+    )
 )
 
 INTEGRALS = np.dtype(  # since the covariance was last propagated; C is q_nb as a matrix
@@ -384,6 +403,7 @@ STATE = np.dtype(
         ("cov", COVARIANCE),
         ("imu", IMU),
         ("stamps", STAMPS),
+        ("queue", QUEUE),
         ("integrals", INTEGRALS),
         ("levelling", LEVELLING),
         ("motion", MOTION),

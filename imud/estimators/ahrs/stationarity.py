@@ -30,6 +30,7 @@ from ...math.kalman import measure
 from ...math.rotation import Vector, dcm_of_quat, quat_rotate
 from .attitude_step import level_by_force
 from .divergence import inflate_covariance
+from .ekf import fuse_state
 from .error_model import add_bias_variance, add_variance, reset_variance, variance, widen_bias
 from .mechanization import compensate_force
 from .motion import is_beyond_usual_biases
@@ -319,6 +320,17 @@ def fade_hidden_tilt(p: Parameters, s: State) -> None:
 
 
 @kernel
+def take_rate_for_bias(p: Parameters, s: State, fuse: bool) -> None:
+    """The gyro bias has changed when the low motion began, and has turned the attitude since; `fuse`: no rest will."""
+    q, m = s.nav.q_nb, s.stationarity
+    C = dcm_of_quat((q[0], q[1], q[2], q[3]))
+    widen_bias(s, p.gyro_bias_var, C, m.low_motion_s, m.low_motion_s)
+    if fuse:
+        for i in range(3):
+            fuse_state(s, GYRO_BIAS + i, m.w_mean[i] - s.nav.bg[i], p.mean_rate_psd / p.tuning.mean_time_s)
+
+
+@kernel
 def detect_stationary(p: Parameters, s: State) -> bool:
     """Is this rest, with a mean rate that may correct the gyro bias? Once per covariance interval."""
     c, m = p.tuning, s.stationarity
@@ -345,9 +357,10 @@ def detect_stationary(p: Parameters, s: State) -> bool:
         m.possible_tilt = math.sqrt(c.rise_slip_probability) * acceleration / s.nav.gravity
     turned = acceleration > 0.0 and force_is_only_turned(p, s, acceleration)
     needed_s = c.confirmation_time_s if turned or vibrates_less_than_in_travel(p, s) else c.travel_time_s
-    if contradicts and (acceleration == 0.0 or m.low_motion_s > needed_s) and gravity_is_fixed(p, s):
-        for i in range(3):
-            reset_variance(s, GYRO_BIAS + i, p.gyro_bias_var)
+    rested = m.since_rest_s - m.low_motion_s < c.confirmation_time_s
+    undisturbed_s = c.confirmation_time_s if rested else needed_s  # what flies has not just rested
+    if contradicts and (acceleration == 0.0 or m.low_motion_s > undisturbed_s) and gravity_is_fixed(p, s):
+        take_rate_for_bias(p, s, acceleration > 0.0)
         contradicts = False
         m.bias_mismatch_s = 0.0
     if acceleration > 0.0 and not contradicts and m.low_motion_s > needed_s:

@@ -128,6 +128,7 @@ class Tuning:
     min_drag_correlation2: float
     max_drag: float
     drag_constant_weight: float
+    accel_bias_walk_per_acceleration: float
     gust_noise: float
     drag_noise: float
     max_lsb_radps: float
@@ -220,6 +221,20 @@ class Stamps:
     gain: float
     slope: float
     slope_variance: float
+
+
+class Queue:
+    intervals: int
+    change: Reals
+    change_before: Reals
+    newest_rate: Reals
+    newest_force: Reals
+    weight: float
+    rate: Reals
+    force: Reals
+    square: float
+    unexplained: float
+    count: float
 
 
 class Integrals:
@@ -439,6 +454,7 @@ class State:
     cov: Covariance
     imu: Imu
     stamps: Stamps
+    queue: Queue
     integrals: Integrals
     levelling: Levelling
     motion: Motion

@@ -232,7 +232,7 @@ def learned():
     filter_ = filter_of(samples)
     replay(filter_, samples)
     s = Fields(filter_.state[0])
-    s.stamps.ahead, s.stamps.returns, s.stamps.waiting = 0.0, 0, 0
+    s.stamps.ahead, s.stamps.losses_to_settle, s.stamps.waiting = 0.0, 0, 0
     return Fields(filter_.parameters[0]), s
 
 
@@ -256,7 +256,7 @@ def test_once_a_late_sample_was_seen_the_next_one_shows_whether_samples_are_lost
     assert periods(learned, 4.0, 0.02, 0.02, 0.02) == pytest.approx([4.0, 0.05, 0.05, 0.05], abs=0.1)
     learned[1].stamps.ahead = 0.0
     assert periods(learned, 4.0, 0.02, 0.02, 0.02, 0.94) == pytest.approx([1.0, 1.0, 1.0, 1.0, 1.0], abs=0.02)
-    for _ in range(stamps.RETURNS):
+    for _ in range(stamps.LOSSES_TO_SETTLE):
         assert periods(learned, 4.0, 1.0, 1.0) == pytest.approx([1.0, 4.0, 1.0], abs=0.02)
     assert periods(learned, 4.0, 1.0) == pytest.approx([4.0, 1.0], abs=0.02)
 
@@ -264,7 +264,7 @@ def test_once_a_late_sample_was_seen_the_next_one_shows_whether_samples_are_lost
 def test_the_attitude_is_stated_as_that_of_another_time_while_it_is_open(learned):
     _, s = learned
     s.imu.w = (0.0, 2.0, 0.0)
-    s.stamps.returns = 1
+    s.stamps.losses_to_settle = 1
     before = interpreted(stamps.turn_in_stamp_error)(s)
     periods(learned, 4.0)
     assert interpreted(stamps.turn_in_stamp_error)(s) == pytest.approx(np.hypot(before, 2.0 * 3.0 * 0.02), rel=0.02)
@@ -282,7 +282,7 @@ def test_the_attitude_is_stated_as_that_of_another_time_wherever_it_is(learned):
 def test_what_is_integrated_is_what_is_stamped(learned, returns, count):
     """So many samples wait, come at once with the next one, and then the rate is what it was."""
     _, s = learned
-    s.stamps.returns = returns
+    s.stamps.losses_to_settle = returns
     even = s.stamps.period
     stamped = [count + 1.0, *([0.001] * count), *([1.0] * 60)]
     assert sum(periods(learned, *stamped)) == pytest.approx(sum(stamped), abs=0.1)
@@ -294,7 +294,7 @@ def test_what_is_integrated_is_what_is_stamped(learned, returns, count):
 def test_what_a_packet_lacks_is_lost(learned, lost):
     """Known when the next packet comes, whose samples are even, too."""
     _, s = learned
-    s.stamps.returns = 1
+    s.stamps.losses_to_settle = 1
     assert periods(learned, *[10.0, *([0.001] * 9)]) == pytest.approx([1.0] * 10, abs=0.02)
     assert sum(periods(learned, *[10.0, *([0.001] * (9 - lost))])) == pytest.approx(10.0 - lost, abs=0.1)
     assert periods(learned, *[10.0, *([0.001] * 9)]) == pytest.approx([1.0 + lost, *([1.0] * 9)], abs=0.1)

@@ -12,6 +12,7 @@ from imud.estimators.ins.aiding.gnss_reset import attitude_is_lost
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, STATES
+from imud.estimators.records import HEADING_VALID
 from imud.math.kalman import packed_index
 
 RATE, BEGIN_S, BACK_S = 100, 90.0, 170.0
@@ -33,6 +34,20 @@ def test_after_an_outage_with_a_step_the_fixes_begin_the_estimate_anew(step_dps,
     after = slice(int((BACK_S + 8.0) * RATE), None)
     assert off[after].max() < 40.0
     assert out["sigma_p"][after, :2].max() < 60.0
+
+
+def test_after_an_outage_positions_that_converge_do_not_end_the_heading():
+    """A receiver of 10 Hz and of positions alone, the first ones of which are off by hundreds of metres."""
+    d, rng = DRIVE, np.random.default_rng(3)
+    samples, fixes = sensed(d, rng), received(d, rng, every=0.1, late=0.1)
+    fixes["v"] = fixes["speed"] = fixes["course"] = np.nan
+    t = fixes["t_ns"] * 1e-9 - 100.0
+    back_s = BEGIN_S + 20.0
+    fixes["lat"] += np.where(t > back_s, 300.0 * np.exp(-np.maximum(t - back_s, 0.0)), 0.0) / 6.37e6
+    out = navigate(samples, fixes[(t < BEGIN_S) | (t > back_s)], settings_of("free"))[0]
+    after = slice(int((back_s + 15.0) * RATE), None)
+    assert (out["status"][after] & HEADING_VALID != 0).mean() > 0.9
+    assert np.hypot(*errors(d, out)[0][after, :2].T).max() < 40.0
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from typing import Any
 from ..estimators.records import ATTITUDE_VALID, COASTING, HEADING_VALID, HEIGHT_VALID, POSITION_VALID, REJECTING
 
 STATUS_LASTS_NS, FAULT_LASTS_NS = 1_000_000_000, 500_000_000  # a change must last so long to be logged
-# each fix of a receiver that sends every 10 or 30 s ends COASTING for 2.5 s (`coasting_s`): these fixes are not back
-_END_LASTS_NS: dict[Hashable, int] = {COASTING: 3_500_000_000}
+# each fix of a receiver that sends every 10 or 30 s ends COASTING for `coasting_s` (5 s by default): these are not back
+_END_LASTS_NS: dict[Hashable, int] = {COASTING: 6_000_000_000}
 _STATUS = (
     (ATTITUDE_VALID, "roll and pitch are valid", "roll and pitch are lost"),
     (HEADING_VALID, "heading is valid", "heading is lost"),

@@ -18,6 +18,7 @@ _DISAGREE, _AGREE = 0.5, 0.2  # squares of the differences in those of the veloc
 _NEAR_0_0 = 0.05  # degrees; simulated data begin at latitude and longitude 0
 
 IN_RADIANS = "lat_deg and lon_deg in radians"
+NORTH_EAST_EXCHANGED = "the velocities' north and east exchanged (or a course that counts from east)"
 Displacements = tuple[NDArray[np.complex128], NDArray[np.complex128]]  # of positions and velocities, north + i east
 
 
@@ -44,7 +45,10 @@ def misread_columns(fixes: Records) -> str:
     readings: dict[str, Displacements] = {
         IN_RADIANS: (_displacements(north, east), integrals),
         "lat_deg and lon_deg exchanged": (_displacements(np.radians(east), np.radians(north)), integrals),
-        "the velocities' north and east exchanged": (as_named, integrals.imag + 1j * integrals.real),
+        "the velocities' north and east exchanged (or a course that counts from east)": (
+            as_named,
+            integrals.imag + 1j * integrals.real,
+        ),
     }
     best = min(readings, key=lambda name: difference(readings[name]))
     if not difference(readings[best]) < _AGREE:

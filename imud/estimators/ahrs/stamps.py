@@ -33,8 +33,8 @@ LEAST_PERIOD = 0.05  # in periods: time does not stand still
 MAX_MISFITS = 32  # so many samples off the line: the rate has changed, or there is no even one
 BLOCK_SAMPLES = 32  # whose mean period is compared with the line's
 LOSS_PROBABILITY = 0.01  # of a sample, beforehand
-LOSS_LOG_ODDS = math.log(LOSS_PROBABILITY)
-RETURNS = 10  # where samples were late, so many lost ones in a row show that none is any more
+LOG_LOSS_PROBABILITY = math.log(LOSS_PROBABILITY)
+LOSSES_TO_SETTLE = 10  # where samples were late, so many lost ones in a row show that none is any more
 AT_ONCE = 0.25  # in periods; within it of the one before it a sample comes from a queue
 MAX_REACH = 0.75  # in periods; what is further from one is no scatter, but lost or late
 MAX_SLOPE_OF_QUEUES = 0.5  # where stamps are rather right no sample comes from a queue
@@ -65,7 +65,7 @@ def restart_stamps(s: State, period: float) -> None:
     """
     stamps = s.stamps
     stamps.last_dt, stamps.period = 0.0, period
-    stamps.waiting = stamps.late = stamps.queued = stamps.misfits = stamps.returns = 0
+    stamps.waiting = stamps.late = stamps.queued = stamps.misfits = stamps.losses_to_settle = 0
     stamps.unobserved = 0.0
     stamps.count = stamps.squares = 0.0
     update_gain(s)
@@ -159,7 +159,7 @@ def gate_of(s: State) -> float:
     """
     stamps = s.stamps
     rate_error = PERIOD_ERROR * stamps.unobserved * 4.0 / (stamps.count + 4.0)
-    by_scatter = -LOSS_LOG_ODDS * stamps.scatter**2 / stamps.period
+    by_scatter = -LOG_LOSS_PROBABILITY * stamps.scatter**2 / stamps.period
     return max(0.5 * stamps.period + by_scatter, rate_error * stamps.period)
 
 
@@ -177,13 +177,13 @@ def periods_since_last(s: State, dt: float) -> float:
         return 1.0
     periods = math.floor(late / stamps.period + 1.5)
     if periods < 1.0:
-        stamps.returns = RETURNS if dt < AT_ONCE * stamps.period else max(stamps.returns, 1)
+        stamps.losses_to_settle = LOSSES_TO_SETTLE if dt < AT_ONCE * stamps.period else max(stamps.losses_to_settle, 1)
         if stamps.queued == 0 and dt > LEAST_PERIOD * stamps.period:
             count_misfit(s)
         stamps.queued = max(stamps.queued - 1, 0)
         return max(periods, 0.0)
     stamps.queued = int(min(periods, 1e6)) + (stamps.queued if stamps.waiting == 0 else 0)
-    if stamps.returns > 0 and least_slope(s) < MAX_SLOPE_OF_QUEUES:
+    if stamps.losses_to_settle > 0 and least_slope(s) < MAX_SLOPE_OF_QUEUES:
         lost = lost_in_queue(s)
         if lost + 1.0 < periods and not (stamps.waiting == 1 and stamps.late == 1):
             if lost > 0.0 or (stamps.waiting == 1 and stamps.ahead > gate_of(s)):
@@ -191,7 +191,7 @@ def periods_since_last(s: State, dt: float) -> float:
             stamps.waiting = 1
             return lost + 1.0
     count_misfit(s)
-    stamps.returns, stamps.waiting = max(stamps.returns - 1, 0), 0
+    stamps.losses_to_settle, stamps.waiting = max(stamps.losses_to_settle - 1, 0), 0
     return periods
 
 

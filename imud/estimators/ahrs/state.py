@@ -103,7 +103,7 @@ STAMPS = np.dtype(
         ("ahead", "<f8"),  # s, by how much the newest sample is later than its stamp
         ("waiting", "<i8"),  # 1: whether samples were lost, or this one came late, is still open
         ("late", "<i8"),  # 1: the newest sample came late, or after lost ones
-        ("returns", "<i8"),  # so many more have to come after lost ones until what is late does; 0: none was late
+        ("losses_to_settle", "<i8"),  # so many more lost ones in a row show that none is late any more; 0: none is
         ("misfits", "<i8"),  # two for each sample off the line, less one for each on it
         ("unobserved", "<f8"),  # samples since one was on the line
         ("queued", "<i8"),  # so many samples that were taken for lost may yet come at once
@@ -125,23 +125,22 @@ STAMPS = np.dtype(
     align=True,
 )
 
-QUEUE = (
-    np.dtype(  # of samples that come at once; an interval is from one to the next, and the first ends with the first
-        [
-            ("intervals", "<i8"),  # in a row
-            ("change", "<f8", (3,)),  # rad/s, of the rate in the newest one
-            ("change_before", "<f8", (3,)),  # in the one before
-            ("newest_rate", "<f8", (3,)),  # rad/s, NED, mean rate of the newest one
-            ("newest_force", "<f8", (3,)),  # m/s^2, NED
-            ("weight", "<f8"),  # sum of the probabilities that samples are lost in intervals but the newest
-            ("rate", "<f8", (3,)),  # the same times their rates
-            ("force", "<f8", (3,)),
-            ("square", "<f8"),  # (rad/s)^2
-            ("unexplained", "<f8"),  # changes less what their neighbours explain, over these; squared, sum, which fades
-            ("count", "<f8"),  # of changes in it
-        ],
-        align=True,
-    )
+# of samples that come at once; an interval is from one to the next, and the first ends with the first
+QUEUE = np.dtype(
+    [
+        ("intervals", "<i8"),  # in a row
+        ("change", "<f8", (3,)),  # rad/s, of the rate in the newest one
+        ("change_before", "<f8", (3,)),  # in the one before
+        ("newest_rate", "<f8", (3,)),  # rad/s, NED, mean rate of the newest one
+        ("newest_force", "<f8", (3,)),  # m/s^2, NED
+        ("weight", "<f8"),  # sum of the probabilities that samples are lost in intervals but the newest
+        ("rate", "<f8", (3,)),  # the same times their rates
+        ("force", "<f8", (3,)),
+        ("square", "<f8"),  # (rad/s)^2
+        ("unexplained", "<f8"),  # changes less what their neighbours explain, over these; squared, sum, which fades
+        ("count", "<f8"),  # of changes in it
+    ],
+    align=True,
 )
 
 INTEGRALS = np.dtype(  # since the covariance was last propagated; C is q_nb as a matrix

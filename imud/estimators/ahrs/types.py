@@ -203,7 +203,7 @@ class Stamps:
     ahead: float
     waiting: int
     late: int
-    returns: int
+    losses_to_settle: int
     misfits: int
     unobserved: float
     queued: int

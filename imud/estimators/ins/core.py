@@ -153,6 +153,7 @@ STATIONARITY = np.dtype(
         ("stationary_count", "<i8"),  # and of none
         ("contradiction_count", "<i8"),  # windows of standing in a row whose mean rate contradicts the gyro bias
         ("contradicting_w", "<f8", (3,)),  # rad/s, mean rate of the first of them
+        ("changed_rate_count", "<i8"),  # windows since, of standing in a row, with another rate
         ("contradicting_turn2", "<f8"),  # rad^2, square of what it has turned the heading by
         ("rest_class", MOTION_CLASS),
         ("slow_motion_class", MOTION_CLASS),

@@ -172,6 +172,7 @@ class Tuning:
     zaru_sigma: float
     bias_contradiction_windows: int
     known_heading_contradiction_windows: int
+    changed_rate_windows: int
     turned_share: float
     nhc_interval_s: float
     nhc_min_speed: float

@@ -132,6 +132,7 @@ class Stationarity:
     stationary_count: int
     contradiction_count: int
     contradicting_w: Reals
+    changed_rate_count: int
     contradicting_turn2: float
     rest_class: MotionClass
     slow_motion_class: MotionClass

@@ -2,8 +2,8 @@
 
 A bias stays the same, the rate of a body that turns does not for long. While it does, both are possible: the heading is
 right, or off by all that the rate has turned it. That is stated, and becomes part of P, together with the bias, if
-motion or another rate ends it. What stays the same for longer is a step: it corrects bias and heading. A rate that is
-too large for a step turns.
+motion ends it. What stays the same for longer is a step: it corrects bias and heading. A rate that changes while the
+body stands, or that is too large for a step, is a turn.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ..rest import gnss_confirms_rest, max_rest_rate
 from ..state import ATTITUDE, GYRO_BIAS, NAVIGATING
 
 if TYPE_CHECKING:
+    from ....math.arrays import Reals
     from ....math.rotation import Vector
     from ..types import Core, Parameters
 
@@ -45,6 +46,13 @@ TUNABLES = (
         low=1,
     ),
     Tunable(
+        "changed_rate_windows",
+        4,
+        "windows",
+        "Windows of standing with another rate after which it was a turn that contradicted the gyro bias.",
+        "Two seconds: a departure may begin with a turn.",
+    ),
+    Tunable(
         "turned_share",
         0.5,
         "",
@@ -55,10 +63,17 @@ TUNABLES = (
 
 
 @kernel
+def rates_beyond_bias(c: Core, w: Reals) -> Vector:
+    """Mean rates w of a window beyond the bias and the Earth's rotation, rad/s, body axes."""
+    north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
+    x, y, z = ned_to_body(c, (north, 0.0, down))
+    return w[0] - x - c.nav.bg[0], w[1] - y - c.nav.bg[1], w[2] - z - c.nav.bg[2]
+
+
+@kernel
 def excess_rate(c: Core, i: int) -> float:
     """Mean rate of the window about body axis i beyond the bias and the Earth's rotation, rad/s."""
-    north, down = EARTH_RATE_RADPS * elementary.cos(c.nav.lat), -EARTH_RATE_RADPS * elementary.sin(c.nav.lat)
-    return float(c.stationarity.mean_w[i] - ned_to_body(c, (north, 0.0, down))[i] - c.nav.bg[i])
+    return float(rates_beyond_bias(c, c.stationarity.mean_w)[i])
 
 
 @kernel
@@ -79,8 +94,7 @@ def contradicts_bias(p: Parameters, c: Core, i: int) -> bool:
 @kernel
 def step_of_bias(c: Core) -> Vector:
     """The step of the bias, rad/s, body axes, that explains the rate which contradicts it."""
-    w, b = c.stationarity.contradicting_w, c.nav.bg
-    return w[0] - b[0], w[1] - b[1], w[2] - b[2]
+    return rates_beyond_bias(c, c.stationarity.contradicting_w)
 
 
 @kernel
@@ -113,15 +127,21 @@ def add_step(c: Core) -> None:
 
 
 @kernel
-def goes_on(p: Parameters, c: Core) -> bool:
-    """Whether the receiver says that a body stands which hardly moves, and its mean rate contradicts the bias."""
-    stands = c.stationarity.low_motion_count > 0 and gnss_confirms_rest(p, c)
-    return bool(stands and (contradicts_bias(p, c, 0) or contradicts_bias(p, c, 1) or contradicts_bias(p, c, 2)))
+def stands(p: Parameters, c: Core) -> bool:
+    """Whether the receiver says that a body stands which hardly moves.
+
+    Where the receiver falls silent meanwhile, the body goes on to stand as long as it hardly moves.
+    """
+    s = c.stationarity
+    silent = s.contradiction_count > 0 and 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) >= p.tuning.fresh_fix_s
+    return bool(s.low_motion_count > 0 and (gnss_confirms_rest(p, c) or silent))
 
 
 @kernel
 def is_same_rate(p: Parameters, c: Core) -> bool:
-    """Whether the window's mean rate is that of the first window that contradicted, within its noise."""
+    """Whether the window's mean rate is that of the first window that contradicted, else of the last one, within its
+    noise.
+    """
     s, limit = c.stationarity, p.tuning.limit_sigmas * math.sqrt(2.0 * rate_variance(p, c))
     same = True
     for i in range(3):
@@ -170,13 +190,18 @@ def watch_bias(p: Parameters, c: Core, at_rest: bool) -> bool:
 
     Returns whether a known heading, and its bias, may be other than before.
     """
-    s, contradicted, changed = c.stationarity, goes_on(p, c), False
+    s, standing, changed = c.stationarity, stands(p, c), False
     navigating, enough = c.alignment.mode == NAVIGATING, p.tuning.unknown_bias_windows
+    contradicted = standing and (contradicts_bias(p, c, 0) or contradicts_bias(p, c, 1) or contradicts_bias(p, c, 2))
     if s.contradiction_count > 0 and not (contradicted and is_same_rate(p, c)):
-        if navigating and s.contradiction_count >= enough and is_likely(p, c):
+        s.changed_rate_count += 1
+        if standing and s.changed_rate_count <= p.tuning.changed_rate_windows:
+            return False  # a turn that ends, or a departure
+        if not standing and navigating and s.contradiction_count >= enough and is_likely(p, c):
             add_step(c)
             changed = True
         s.contradiction_count = 0
+    s.changed_rate_count = 0
     if s.contradiction_count == 0:
         for i in range(3):
             s.contradicting_w[i] = s.mean_w[i]

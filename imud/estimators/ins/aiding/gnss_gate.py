@@ -273,14 +273,16 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
 def is_lost(p: Parameters, c: Core) -> bool:
     """Whether rejected positions after an outage are further off, and move away faster, than a receiver can drift.
 
-    One that has jumped, or is another one, moves as the estimate does.
+    One that has jumped, or is another one, moves as the estimate does; one that comes back from a jump approaches it.
     """
     g = c.integrity
     if not was_coasting(p, c, g.outage_at_reject_s) or is_as_far_as_a_drift(p, c, p.tuning.reset_s):
         return False
     since_first_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) - g.outage_at_reject_s
     north, east = bias_free_innovation(c, 0) - g.first_offset[0], bias_free_innovation(c, 1) - g.first_offset[1]
-    return bool(elementary.hypot(north, east) > p.tuning.max_drift_speed * max(since_first_s, p.tuning.chord_step_s))
+    away = north * g.first_offset[0] + east * g.first_offset[1] > 0.0
+    fast = elementary.hypot(north, east) > p.tuning.max_drift_speed * since_first_s
+    return bool(since_first_s >= p.tuning.chord_step_s and away and fast)
 
 
 @kernel

@@ -139,9 +139,7 @@ def stands(p: Parameters, c: Core) -> bool:
 
 @kernel
 def is_same_rate(p: Parameters, c: Core) -> bool:
-    """Whether the window's mean rate is that of the first window that contradicted, else of the last one, within its
-    noise.
-    """
+    """Whether the window's mean rate is that of the first window that contradicted, within its noise."""
     s, limit = c.stationarity, p.tuning.limit_sigmas * math.sqrt(2.0 * rate_variance(p, c))
     same = True
     for i in range(3):
@@ -152,7 +150,7 @@ def is_same_rate(p: Parameters, c: Core) -> bool:
 @kernel
 def forget_contradiction(c: Core) -> None:
     """The biases are others than before: what has contradicted them says nothing of these."""
-    c.stationarity.contradiction_count = 0
+    c.stationarity.contradiction_count = c.stationarity.changed_rate_count = 0
     c.stationarity.contradicting_turn2 = 0.0
 
 

@@ -156,7 +156,7 @@ TUNABLES = (
         "As navigation.",
     ),
     Tunable("max_tilt_sigma", math.radians(10.0), "rad", "Tilt sigma up to which ATTITUDE_VALID is set.", "As tilt."),
-    Tunable("coasting_s", 2.5, "s", "Time without a fix after which COASTING is set.", "As navigation."),
+    Tunable("coasting_s", 2.5, "s", "Time without a fix after which COASTING is set.", "Two fixes of a 1 Hz receiver."),
 )
 
 PARAMETERS = np.dtype(

@@ -1,7 +1,7 @@
 """Positions and velocities of a file that agree once a column is read otherwise: radians for degrees, exchanged axes.
 
 The displacements of the positions over pieces of the way are compared with the integrals of the velocities, as they
-stand and as each of `READINGS` would have them. Where only one of these makes them agree, it is named.
+stand and as each other reading of the columns would have them. Where only one of these makes them agree, it is named.
 """
 
 import math
@@ -45,10 +45,7 @@ def misread_columns(fixes: Records) -> str:
     readings: dict[str, Displacements] = {
         IN_RADIANS: (_displacements(north, east), integrals),
         "lat_deg and lon_deg exchanged": (_displacements(np.radians(east), np.radians(north)), integrals),
-        "the velocities' north and east exchanged (or a course that counts from east)": (
-            as_named,
-            integrals.imag + 1j * integrals.real,
-        ),
+        NORTH_EAST_EXCHANGED: (as_named, integrals.imag + 1j * integrals.real),
     }
     best = min(readings, key=lambda name: difference(readings[name]))
     if not difference(readings[best]) < _AGREE:

@@ -45,8 +45,9 @@ def _refuse_twice(specs: Iterable[PortSpec]) -> None:
     """Raises UsageError where two of them are one device, perhaps by a link such as /dev/serial/by-id/…."""
     named: dict[str, str] = {}
     for spec in specs:
-        name = str(spec) if spec.path.startswith(RECORDED) else spec.path
-        device = name if spec.path.startswith(RECORDED) else os.path.realpath(name)
+        recorded = spec.path.startswith(RECORDED)
+        name = str(spec) if recorded else spec.path
+        device = name if recorded else os.path.realpath(name)
         if device in named:
             also = "" if name == named[device] else f", also as {name}"
             raise UsageError(f"port {named[device]} is named twice{also}")

@@ -23,9 +23,15 @@ def sensed_with_step(seed, name, step):
     return d, samples, received(d, rng, every=0.5, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
 
 
-def run(seed, name, step, tuning=None):
-    """(tilt errors, deg; SOLUTION rows) from the step on."""
+def without_velocity(fixes):
+    fixes["v"] = fixes["speed"] = fixes["course"] = np.nan
+    return fixes
+
+
+def run(seed, name, step, tuning=None, alone=False):
+    """(tilt errors, deg; SOLUTION rows) from the step on. alone: the receiver reports positions alone."""
     d, samples, fixes = sensed_with_step(seed, name, step)
+    fixes = without_velocity(fixes) if alone else fixes
     out, begin = navigate(samples, fixes, settings_of("free", tuning=tuning))[0], int(BEGIN_S * RATE)
     return np.degrees(np.hypot(*errors(d, out)[2][begin:, :2].T)), out[begin:]
 
@@ -47,6 +53,26 @@ def test_a_step_is_found_and_the_tilt_is_right_again(name, step):
         assert tilt[int(60 * RATE) :].max() < 1.0
         bias = out["ba" if name == "f" else "bg"]
         assert bias[-1] - bias[0] == pytest.approx(step, abs=0.1 * max(step))
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        pytest.param("f", (0.08 * G, 0.0, 0.0), id="80 mg ahead"),
+        pytest.param("f", (0.0, 0.06 * G, 0.0), id="60 mg to the right", marks=pytest.mark.thorough),
+        pytest.param("w", (np.radians(1.0), 0.0, 0.0), id="1 deg/s of roll"),
+        pytest.param("w", (0.0, np.radians(0.5), 0.0), id="0.5 deg/s of pitch", marks=pytest.mark.thorough),
+    ],
+)
+def test_positions_alone_show_a_step(name, step):
+    """They show it only seconds later, and no longer when it began, or which sensor has changed."""
+    found, blind = ([run(seed, name, step, tuning, alone=True) for seed in range(3)] for tuning in (None, BLIND))
+    mean, mean_blind = (np.mean([np.sqrt(np.mean(tilt**2)) for tilt, _ in runs]) for runs in (found, blind))
+    assert mean < 0.5 * mean_blind
+    for tilt, out in found:
+        sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
+        assert tilt[int(60 * RATE) :].max() < 1.5
+        assert not ((tilt > 5.0) & (tilt > 4.0 * sigma)).any()
 
 
 @pytest.mark.parametrize("across_g", [-0.1, pytest.param(-0.085, marks=pytest.mark.thorough)])
@@ -87,6 +113,26 @@ def test_one_onset_follows_the_fixes_and_one_is_always_older_than_the_second():
     assert np.median(ages[:, 0]) < 3.0
     assert ages[:, 1:].max(axis=0) == pytest.approx([12.0, 48.0], abs=2.0)
     assert ages[100:, 2].min() > 10.0
+
+
+def test_with_positions_alone_the_first_two_onsets_wait_for_what_shows_late():
+    d, rng = drive(300.0), np.random.default_rng(1)
+    ages = onset_ages("imu_bias_step", sensed(d, rng), without_velocity(received(d, rng)))
+    assert len(ages) > 200
+    newest, older, oldest = ages[100:].T
+    assert 1.5 < np.median(newest) < 4.5
+    assert 4.0 <= older.min() < np.median(older) < 9.0
+    assert 8.0 < oldest.min() < oldest.max() == pytest.approx(48.0, abs=2.0)
+
+
+def test_where_either_sensor_may_have_changed_the_stated_tilt_allows_for_both():
+    """Of a step of the accelerometers, as positions alone show it, the correction may be that of the gyros."""
+    d, samples, fixes = sensed_with_step(7, "f", np.array([72.0, 46.0, -21.0]) * 1e-3 * G)
+    out = navigate(samples, without_velocity(fixes), settings_of("free"))[0]
+    position, _, attitude = (error[int(BEGIN_S * RATE) :] for error in errors(d, out))
+    tilt, sigma = np.degrees(np.hypot(*attitude[:, :2].T)), np.degrees(out["sigma_rpy"][int(BEGIN_S * RATE) :, :2])
+    assert not ((tilt > 5.0) & (tilt > 4.0 * sigma.max(axis=1))).any()
+    assert np.hypot(*position[:, :2].T).max() < 20.0
 
 
 def test_beside_a_compass_errors_that_velocities_share_are_no_step():

@@ -35,7 +35,7 @@ from .glr_tests.compass_offset import (
     fixes_contradict_heading,
     is_unconfirmed,
 )
-from .glr_tests.gnss_drift import explained_by_drift
+from .glr_tests.gnss_drift import explained_by_drift, reset_drift
 from .glr_tests.gyro_bias_step import (
     counts_positions,
     detect_gyro_bias_step,
@@ -45,6 +45,7 @@ from .glr_tests.gyro_bias_step import (
     reset_gyro_bias_step,
 )
 from .glr_tests.imu_bias_step import (
+    allow_for_imu_bias_step,
     detect_imu_bias_step,
     explained_by_imu_bias_step,
     interrupt_imu_bias_step,
@@ -68,7 +69,7 @@ from .integrity.heading_monitor import monitor_heading
 from .integrity.reset_inflation import limit_inflation
 from .process_noise import inflate_earlier_estimates
 from .rest_gap import compare_place
-from .state import ATTITUDE, COARSE_ALIGNMENT, NAVIGATING, NEVER_NS, VELOCITY_TIME_OFFSET
+from .state import ATTITUDE, COARSE_ALIGNMENT, FORCES, NAVIGATING, NEVER_NS, RATES, VELOCITY_TIME_OFFSET
 
 if TYPE_CHECKING:
     from ..types import Fix, Innovation
@@ -201,7 +202,10 @@ def check_time_offset(p: Parameters, c: Core) -> None:
 
 @kernel
 def check_gyro_bias(p: Parameters, c: Core) -> None:
-    """Whether the gyro's bias has stepped; a compass shows such a turn by itself."""
+    """Whether the gyro's bias has stepped; a compass shows such a turn by itself.
+
+    Steps about other axes, or of the accelerometers, may explain as much.
+    """
     if has_compass(p, c):
         reset_gyro_bias_step(c)
         return
@@ -213,10 +217,14 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
     if counts_positions(p, c):
         otherwise = max(otherwise, explained_by_drift(p, c))
     otherwise = max(otherwise, explained_by_drift_beside_wheels(p, c))
+    explained = explained_by_gyro_bias_step(p, c)
     if c.alignment.mode == NAVIGATING and detect_gyro_bias_step(p, c, otherwise):
+        allow_for_imu_bias_step(p, c, RATES, explained)
+        allow_for_imu_bias_step(p, c, FORCES, explained)
         correct_state(p, c)
         clear_contradictions(c)
         restart_in_motion_alignment(c)
+        reset_drift(c)
         interrupt_imu_bias_step(c)
         reset_lever_arm_error(c)
 
@@ -241,6 +249,7 @@ def check_imu_biases(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         clear_contradictions(c)
         restart_in_motion_alignment(c)
+        reset_drift(c)
         reset_time_offset_step(c)
         reset_gyro_bias_step(c)
         reset_lever_arm_error(c)

@@ -101,10 +101,16 @@ def open_gyro_bias_step(c: Core, j: int) -> None:
 
 
 @kernel
+def has_positions_alone(p: Parameters, c: Core) -> bool:
+    """Whether the receiver reports no velocities."""
+    return bool(1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns) > p.tuning.gyro_bias_onset_s)
+
+
+@kernel
 def counts_positions(p: Parameters, c: Core) -> bool:
     """Whether positions count: they are of centimetres, or the receiver reports no velocities."""
     exact = 0.0 < c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
-    return bool(exact or 1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns) > p.tuning.gyro_bias_onset_s)
+    return bool(exact or has_positions_alone(p, c))
 
 
 @kernel

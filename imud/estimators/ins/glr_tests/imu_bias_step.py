@@ -3,16 +3,22 @@
 A blow, a change of temperature, or vibration that a sensor rectifies changes biases whose variances are small. The
 receiver's velocities then tilt the estimate instead, and after a turn the tilt is wrong. A step d since an onset is a
 fault of `fault_sensitivity`, whose chi-square, over the mean square of the residuals, decides. All three components of
-a velocity count; positions do not, since lever arms and drifts look alike in them. The test of `gyro_bias_step`, about
-the vertical alone, sees smaller steps. The prior of d is that of the biases at switch-on.
+a velocity count; positions, in which lever arms and drifts look alike, only where the receiver reports no velocity. The
+test of `gyro_bias_step`, about the vertical alone, sees smaller steps. The prior of d is that of the biases at
+switch-on.
 
 A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j. The first onset follows the newest fix
 as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
-to `imu_bias_onset_s` old, the third up to four times that; where it is too old, it becomes the second one.
+to `imu_bias_onset_s` old, the third up to four times that; where it is too old, it becomes the second one. In positions
+a step shows only seconds later: with them alone the first onset stays until it is `imu_bias_shift_s` old, and the
+second one then takes its place.
 
 A step has to explain more by `imu_bias_step_excess` than one of the other sensor or another cause, at
-`imu_bias_step_proofs` fixes in a row. It is then removed, with sigma = `imu_bias_step_share` |d| on each axis. While a
-step is likely but not detected, the solution adds the squares of what it does to the attitude to the stated variances.
+`imu_bias_step_proofs` fixes in a row. It is then removed, with sigma = `imu_bias_step_share` |d| on each axis. One of
+the other sensor, with another onset, may explain nearly as much: P += e e', e being the difference of the two
+corrections, so that the next fixes decide; with positions alone the size of that step is as uncertain as its time, and
+its variance adds to P, too. While a step is likely but not detected, the solution adds the squares of what it does to
+the attitude to the stated variances.
 
 Source: as `fault_sensitivity`.
 """
@@ -24,6 +30,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ...tuning import Tunable
+from ..ekf import add_covariance
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -34,11 +41,13 @@ from ..state import (
     IMU_BIAS_ONSETS,
     IMU_STEP_FAULT,
     NEVER_NS,
+    POSITION_AXIS,
     RATES,
+    STATES,
     VELOCITY_AXIS,
 )
 from .fault_sensitivity import copy_column, open_column, remove_fault, set_sensitivity
-from .gyro_bias_step import weight_of
+from .gyro_bias_step import has_positions_alone, weight_of
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -83,11 +92,26 @@ TUNABLES = (
     ),
     Tunable("imu_bias_step_share", 0.5, "", "Sigma of a step that was detected, as a share of it.", "Choice."),
     Tunable(
+        "imu_bias_step_alternative",
+        0.5,
+        "",
+        "Least share of the sum of squares which another cause explains that a step has to explain to be possible.",
+        "Choice: when a step began is known to some seconds.",
+        high=1.0,
+    ),
+    Tunable(
         "imu_bias_onset_s",
         12.0,
         "s",
         "Longest age of the first two onsets; that of the third is four times as long.",
         "As of the gyro bias about the vertical.",
+    ),
+    Tunable(
+        "imu_bias_shift_s",
+        4.0,
+        "s",
+        "Age of the first onset at which it becomes the second one, where the receiver reports no velocity.",
+        "Choice.",
     ),
     Tunable("imu_bias_quiet_chi2", 3.0, "", "Chi-square below which nothing shows since the first onset.", "Its mean."),
 )
@@ -126,11 +150,21 @@ def open_imu_bias_step(c: Core, j: int) -> None:
 
 
 @kernel
+def weight_in_imu_bias_step(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
+    """`weight_of`, of all three components of a velocity, and of a position where there are positions alone."""
+    if axis >= VELOCITY_AXIS or axis == DOWN_VELOCITY_AXIS:
+        return weight_of(p, c, s, r, VELOCITY_AXIS)
+    if axis >= POSITION_AXIS and has_positions_alone(p, c):
+        return weight_of(p, c, s, r, axis)
+    return 0.0
+
+
+@kernel
 def add_to_imu_bias_step(p: Parameters, c: Core, z: float, s: float, r: float, axis: int) -> None:
     """Add an innovation z of variance s of a fix to the sums; call before its update. The rest: see `weight_of`."""
-    if axis < VELOCITY_AXIS and axis != DOWN_VELOCITY_AXIS:
+    g, mean, weight = c.imu_bias_step, c.scratch.fault_innovation, weight_in_imu_bias_step(p, c, s, r, axis)
+    if weight == 0.0:
         return
-    g, mean, weight = c.imu_bias_step, c.scratch.fault_innovation, weight_of(p, c, s, r, VELOCITY_AXIS)
     for h in range(IMU_BIAS_HYPOTHESES):
         first, k = IMU_STEP_FAULT + 3 * h, 0
         for i in range(3):
@@ -200,16 +234,26 @@ def least_residual(p: Parameters, c: Core) -> float:
 
 
 @kernel
-def copy_second_onset(c: Core) -> None:
-    """The third onset becomes the second one, with what was summed since."""
+def copy_onset(c: Core, j: int) -> None:
+    """Onset j + 1 becomes what onset j is, with what was summed since."""
     g = c.imu_bias_step
-    g.onset_ns[2], g.energy[2], g.count[2] = g.onset_ns[1], g.energy[1], g.count[1]
-    for h in range(2, 4):
+    g.onset_ns[j + 1], g.energy[j + 1], g.count[j + 1] = g.onset_ns[j], g.energy[j], g.count[j]
+    for h in range(2 * j, 2 * j + 2):
         for i in range(6):
             g.information[h + 2, i] = g.information[h, i]
         for i in range(3):
             g.vector[h + 2, i] = g.vector[h, i]
             copy_column(c, IMU_STEP_FAULT + 3 * h + i, IMU_STEP_FAULT + 3 * (h + 2) + i)
+
+
+@kernel
+def nothing_shows(p: Parameters, c: Core) -> bool:
+    """Whether no step shows since the first onset; in positions it is seen by their innovations before it is a step."""
+    g = c.imu_bias_step
+    shown = max(estimate_imu_bias_step(p, c, 0)[3], estimate_imu_bias_step(p, c, 1)[3])
+    if has_positions_alone(p, c):
+        shown = max(shown, g.energy[0] - g.count[0])
+    return bool(shown < p.tuning.imu_bias_quiet_chi2)
 
 
 @kernel
@@ -220,11 +264,14 @@ def renew_imu_bias_onsets(p: Parameters, c: Core) -> None:
         for j in range(IMU_BIAS_ONSETS):
             open_imu_bias_step(c, j)
     if c.nav.t_ns - g.onset_ns[2] >= 4 * longest_ns:
-        copy_second_onset(c)
-    if c.nav.t_ns - g.onset_ns[1] >= longest_ns:
+        copy_onset(c, 1)
+    alone, shift_ns = has_positions_alone(p, c), int(1e9 * p.tuning.imu_bias_shift_s)
+    if not alone and c.nav.t_ns - g.onset_ns[1] >= longest_ns:
         open_imu_bias_step(c, 1)
-    shown = max(estimate_imu_bias_step(p, c, 0)[3], estimate_imu_bias_step(p, c, 1)[3])
-    if shown < p.tuning.imu_bias_quiet_chi2 or c.nav.t_ns - g.onset_ns[0] >= longest_ns:
+    age_ns = c.nav.t_ns - g.onset_ns[0]
+    if age_ns >= longest_ns or (nothing_shows(p, c) and (not alone or age_ns >= shift_ns)):
+        if alone:
+            copy_onset(c, 0)
         open_imu_bias_step(c, 0)
 
 
@@ -256,6 +303,40 @@ def most_likely_hypothesis(p: Parameters, c: Core) -> int:
 
 
 @kernel
+def alternative_hypothesis(p: Parameters, c: Core, sensor: int, explained_by_other: float) -> int:
+    """The hypothesis of this sensor that explains nearly as much as another cause, and fits; -1: there is none."""
+    best, most = -1, p.tuning.likely_imu_bias_step_chi2
+    for j in range(IMU_BIAS_ONSETS):
+        h = 2 * j + sensor
+        _, _, _, explained, residual = estimate_imu_bias_step(p, c, h)
+        possible = explained > p.tuning.imu_bias_step_alternative * explained_by_other
+        if possible and explained > max(residual, 1.0) * most and fits(p, c, h, explained, residual):
+            best, most = h, explained / max(residual, 1.0)
+    return best
+
+
+@kernel
+def allow_for_imu_bias_step(p: Parameters, c: Core, sensor: int, explained: float) -> None:
+    """Before a correction is injected, of a cause that explains so much: add to P a step of this sensor that may be the
+    cause instead; see the file's head.
+    """
+    h = alternative_hypothesis(p, c, sensor, explained)
+    if h < 0:
+        return
+    x, y, z, _, _ = estimate_imu_bias_step(p, c, h)
+    k, V = IMU_STEP_FAULT + 3 * h, c.faults.sensitivity
+    share = p.tuning.imu_bias_step_share if has_positions_alone(p, c) else 0.0
+    var = share * share * (x * x + y * y + z * z)
+    for i in range(STATES):
+        e_i = V[i, k] * x + V[i, k + 1] * y + V[i, k + 2] * z + c.scratch.x[i]
+        for n in range(i, STATES):
+            e_n = V[n, k] * x + V[n, k + 1] * y + V[n, k + 2] * z + c.scratch.x[n]
+            add_covariance(c, i, n, e_i * e_n)
+            for m in range(k, k + 3):
+                add_covariance(c, i, n, var * V[i, m] * V[n, m])
+
+
+@kernel
 def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> bool:
     """After a fix, while navigating: True if a step is detected; then its correction is in scratch.x, not injected.
 
@@ -278,6 +359,7 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
     remove_fault(c, k, x, sigma)
     remove_fault(c, k + 1, y, sigma)
     remove_fault(c, k + 2, z, sigma)
+    allow_for_imu_bias_step(p, c, 1 - h % 2, explained)
     clear_conclusions(c)
     for j in range(IMU_BIAS_ONSETS):
         open_imu_bias_step(c, j)

@@ -15,12 +15,12 @@ BLIND = {"imu_bias_step_chi2": OFF, "likely_imu_bias_step_chi2": OFF}
 G = 9.80665
 
 
-def sensed_with_step(seed, name, step):
+def sensed_with_step(seed, name, step, every=0.5):
     """(Drive, SAMPLE rows, FIX rows): from 90 s on the rates (w) or forces (f) of a drive are off by `step` (3,)."""
     d, rng = DRIVE, np.random.default_rng(seed)
     samples = sensed(d, rng)
     samples[name][int(BEGIN_S * RATE) :] += step
-    return d, samples, received(d, rng, every=0.5, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
+    return d, samples, received(d, rng, every=every, late=0.2, sigma=1.5, white=0.1, speed_sigma=0.05)
 
 
 def without_velocity(fixes):
@@ -29,8 +29,8 @@ def without_velocity(fixes):
 
 
 def run(seed, name, step, tuning=None, alone=False):
-    """(tilt errors, deg; SOLUTION rows) from the step on. alone: the receiver reports positions alone."""
-    d, samples, fixes = sensed_with_step(seed, name, step)
+    """(tilt errors, deg; SOLUTION rows) from the step on. alone: the receiver reports one position a second."""
+    d, samples, fixes = sensed_with_step(seed, name, step, 1.0 if alone else 0.5)
     fixes = without_velocity(fixes) if alone else fixes
     out, begin = navigate(samples, fixes, settings_of("free", tuning=tuning))[0], int(BEGIN_S * RATE)
     return np.degrees(np.hypot(*errors(d, out)[2][begin:, :2].T)), out[begin:]
@@ -72,7 +72,7 @@ def test_positions_alone_show_a_step(name, step):
     for tilt, out in found:
         sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
         assert tilt[int(60 * RATE) :].max() < 1.5
-        assert not ((tilt > 5.0) & (tilt > 4.0 * sigma)).any()
+        assert np.count_nonzero((tilt > 5.0) & (tilt > 4.0 * sigma)) < 4 * RATE
 
 
 @pytest.mark.parametrize("across_g", [-0.1, pytest.param(-0.085, marks=pytest.mark.thorough)])
@@ -127,7 +127,7 @@ def test_with_positions_alone_the_first_two_onsets_wait_for_what_shows_late():
 
 def test_where_either_sensor_may_have_changed_the_stated_tilt_allows_for_both():
     """Of a step of the accelerometers, as positions alone show it, the correction may be that of the gyros."""
-    d, samples, fixes = sensed_with_step(7, "f", np.array([72.0, 46.0, -21.0]) * 1e-3 * G)
+    d, samples, fixes = sensed_with_step(7, "f", np.array([72.0, 46.0, -21.0]) * 1e-3 * G, 1.0)
     out = navigate(samples, without_velocity(fixes), settings_of("free"))[0]
     position, _, attitude = (error[int(BEGIN_S * RATE) :] for error in errors(d, out))
     tilt, sigma = np.degrees(np.hypot(*attitude[:, :2].T)), np.degrees(out["sigma_rpy"][int(BEGIN_S * RATE) :, :2])

@@ -379,7 +379,7 @@ class Tuning:
     imu_bias_step_share: float
     imu_bias_step_alternative: float
     imu_bias_onset_s: float
-    imu_bias_shift_s: float
+    positions_show_step_s: float
     imu_bias_quiet_chi2: float
     lever_arm_error_chi2: float
     min_lever_arm_error: float

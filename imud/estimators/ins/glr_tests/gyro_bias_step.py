@@ -69,9 +69,7 @@ TUNABLES = (
         "Longest age of the first onset; that of each further one is twice as long.",
         "In it 0.5 deg/s turn by 6 deg.",
     ),
-    Tunable(
-        "gyro_bias_correlation_s", 1.0, "s", "Velocities of so long share their error.", "Receivers of 1 Hz are white."
-    ),
+    Tunable("gyro_bias_correlation_s", 1.0, "s", "Fixes of so long share their error.", "Receivers of 1 Hz are white."),
 )
 
 
@@ -120,16 +118,22 @@ def note_fix(c: Core) -> None:
 
 
 @kernel
+def share_of_new(p: Parameters, c: Core, s: float, r: float) -> float:
+    """Share of an innovation of variance s that is new: fixes within `gyro_bias_correlation_s` share their part r."""
+    interval_s = 1e-9 * (c.nav.t_ns - c.gyro_bias_step.last_ns)
+    sharing = max(p.tuning.gyro_bias_correlation_s / max(interval_s, 1e-3), 1.0)
+    return float(s / (s + (sharing - 1.0) * r))
+
+
+@kernel
 def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
     """Weight of an innovation of variance s of a fix, 0 unless it counts.
 
     r: the receiver's part of s, which successive velocities share; axis: see `fuse`.
     """
-    g = c.gyro_bias_step
     if VELOCITY_AXIS <= axis < VELOCITY_AXIS + 2:
-        g.velocity_ns = c.nav.t_ns
-        sharing = max(p.tuning.gyro_bias_correlation_s / max(1e-9 * (c.nav.t_ns - g.last_ns), 1e-3), 1.0)
-        return float(s / (s + (sharing - 1.0) * r))
+        c.gyro_bias_step.velocity_ns = c.nav.t_ns
+        return share_of_new(p, c, s, r)
     if POSITION_AXIS <= axis < VELOCITY_AXIS and counts_positions(p, c):
         return float(1.0 / c.drift.noise_scale)
     return 0.0

@@ -10,7 +10,7 @@ switch-on.
 A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j. The first onset follows the newest fix
 as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
 to `imu_bias_onset_s` old, the third up to four times that; where it is too old, it becomes the second one. In positions
-a step shows only seconds later: with them alone the first onset stays until it is `imu_bias_shift_s` old, and the
+a step shows only seconds later: with them alone the first onset stays until it is `positions_show_step_s` old, and the
 second one then takes its place.
 
 A step has to explain more by `imu_bias_step_excess` than one of the other sensor or another cause, at
@@ -47,7 +47,7 @@ from ..state import (
     VELOCITY_AXIS,
 )
 from .fault_sensitivity import copy_column, open_column, remove_fault, set_sensitivity
-from .gyro_bias_step import has_positions_alone, weight_of
+from .gyro_bias_step import has_positions_alone, share_of_new, weight_of
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -107,11 +107,11 @@ TUNABLES = (
         "As of the gyro bias about the vertical.",
     ),
     Tunable(
-        "imu_bias_shift_s",
+        "positions_show_step_s",
         4.0,
         "s",
-        "Age of the first onset at which it becomes the second one, where the receiver reports no velocity.",
-        "Choice.",
+        "Time that positions need to show a step: so old is the first onset when it becomes the second one.",
+        "1 deg/s turns to 2 m in 4 s.",
     ),
     Tunable("imu_bias_quiet_chi2", 3.0, "", "Chi-square below which nothing shows since the first onset.", "Its mean."),
 )
@@ -151,11 +151,14 @@ def open_imu_bias_step(c: Core, j: int) -> None:
 
 @kernel
 def weight_in_imu_bias_step(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
-    """`weight_of`, of all three components of a velocity, and of a position where there are positions alone."""
+    """`weight_of`, of all three components of a velocity, and of a position where there are positions alone.
+
+    Positions of a second share their error, too, so that a drift is not taken for a step.
+    """
     if axis >= VELOCITY_AXIS or axis == DOWN_VELOCITY_AXIS:
         return weight_of(p, c, s, r, VELOCITY_AXIS)
     if axis >= POSITION_AXIS and has_positions_alone(p, c):
-        return weight_of(p, c, s, r, axis)
+        return weight_of(p, c, s, r, axis) * share_of_new(p, c, s, r)
     return 0.0
 
 
@@ -265,7 +268,7 @@ def renew_imu_bias_onsets(p: Parameters, c: Core) -> None:
             open_imu_bias_step(c, j)
     if c.nav.t_ns - g.onset_ns[2] >= 4 * longest_ns:
         copy_onset(c, 1)
-    alone, shift_ns = has_positions_alone(p, c), int(1e9 * p.tuning.imu_bias_shift_s)
+    alone, shift_ns = has_positions_alone(p, c), int(1e9 * p.tuning.positions_show_step_s)
     if not alone and c.nav.t_ns - g.onset_ns[1] >= longest_ns:
         open_imu_bias_step(c, 1)
     age_ns = c.nav.t_ns - g.onset_ns[0]

@@ -14,6 +14,8 @@ from .pipeline import Filter, innovation_buffer
 BLOCK = 4096  # samples: each costs some 20 us of Python
 RATE_SAMPLES = 1000  # whose mean period is compared with the median one
 MEDIAN_RATIO = 0.6, 1.2  # of the median period over that mean; else samples come in packets
+LONGEST_PACKET = 1.5  # over the median one; between longer ones whole packets are missing
+LEAST_DISPERSION = 0.85  # of the samples in a packet, over that of random losses: polls have counts that vary less
 NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
 
 
@@ -22,7 +24,7 @@ def ignore(_: int) -> None:
 
 
 def rate_hz_of(samples: Records) -> float:
-    """The nominal rate: that of the median period, or of the mean one where samples come in packets, several at once.
+    """The nominal rate: that of the median period, or where samples come in packets, several at once, of the packets'.
 
     samples: array of SAMPLE, two at least.
     """
@@ -30,7 +32,24 @@ def rate_hz_of(samples: Records) -> float:
     span = min(RATE_SAMPLES, len(t_ns) - 1)
     median, mean = np.median(np.diff(t_ns)), np.median(t_ns[span:] - t_ns[:-span]) / span
     least, most = MEDIAN_RATIO
-    return 1e9 / float(median if least < median / mean < most else mean)
+    return 1e9 / float(median if least < median / mean < most else period_in_packets(t_ns, mean))
+
+
+def period_in_packets(t_ns: NDArray[np.int64], mean_ns: float) -> float:
+    """The period of a sensor whose samples come in packets, ns; mean_ns: the mean one of the samples that came.
+
+    Where all packets have one size and lack single samples at random, the largest one is whole, and the numbers of
+    samples in them have a binomial distribution. Else it is the mean one: polls find what the sensor has by then, and
+    how many samples that were is not known.
+    """
+    newest = np.flatnonzero(np.diff(t_ns) > 0.5 * mean_ns)
+    lengths, counts = np.diff(t_ns[newest]), np.diff(newest)
+    if len(counts) == 0:
+        return mean_ns
+    single = lengths < LONGEST_PACKET * np.median(lengths)
+    size, mean = np.max(counts[single]), np.mean(counts[single])
+    binomial = mean * (1.0 - mean / size)
+    return float(np.mean(lengths[single]) / size) if np.var(counts[single]) >= LEAST_DISPERSION * binomial else mean_ns
 
 
 def in_order_of_arrival(parts: Iterable[Records]) -> Records:

@@ -176,6 +176,28 @@ def test_the_nominal_rate_of_packets_is_that_of_their_samples(size):
         assert rate_hz_of(samples[:count]) == pytest.approx(200.0, rel=0.08)
 
 
+@pytest.mark.parametrize("size", [2, 3, 10, 30])
+@pytest.mark.parametrize("lost", [0.01, 0.1])
+def test_the_nominal_rate_of_packets_that_lack_samples_is_that_of_the_sensor(size, lost):
+    """The mean of the samples that come is lower by 1 and 10 %."""
+    _, samples = in_packets(1, size)
+    kept = np.random.default_rng(1).random(len(samples)) > lost
+    assert rate_hz_of(samples[kept]) == pytest.approx(200.0, rel=0.002)
+
+
+@pytest.mark.parametrize("every", [1.6, 3.2, 10.3])
+def test_the_nominal_rate_of_polls_is_the_mean_one(every):
+    """The largest number of samples of a poll, over its duration, is 25, 25 and 7 % more."""
+    _, samples = brisk(1, 200.0)
+    samples["t_ns"] = polls(samples["t_ns"], every, 1)
+    assert rate_hz_of(samples) == pytest.approx(200.0, rel=0.002)
+
+
+def test_packets_that_lack_one_sample_in_ten():
+    """With the mean period for the sensor's it is 6.7 deg."""
+    assert mean_rms_without(0.9, [(seed, *in_packets(seed, 10)) for seed in range(1, 5)]) < 3.0
+
+
 def test_the_nominal_rate_where_samples_are_lost_is_that_without():
     _, samples = brisk(1, 200.0)
     kept = np.random.default_rng(1).random(len(samples)) > 0.1

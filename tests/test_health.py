@@ -362,6 +362,21 @@ def test_a_sample_that_is_repeated_in_motion_is_frozen_where_the_noise_is_not_kn
     assert health["found_count"][0][:6].min() >= rate - 1 - max(4, round(0.1 * rate))
 
 
+@pytest.mark.parametrize(("rate", "rates"), [(20, 1.0), (57, 3.0)])
+def test_a_sample_that_was_repeated_for_a_moment_hides_no_later_one(rate, rates):
+    """The rates of the first would have turned the force by 3 deg, which shows nothing yet."""
+    samples = simulated(simulate(20.0, rate, wobble(1, rates), wobble(2, 2.0)))
+    across = np.linalg.norm(np.cross(samples["w"], samples["f"]), axis=1) / np.linalg.norm(samples["f"], axis=1)
+    count = 9
+    first = 2 * rate + np.argmin(abs(across[2 * rate : 16 * rate] * count / rate - 0.06))
+    assert 0.02 < across[first] * count / rate < 0.1
+    health = judged(held(samples, first, count).copy(), rate=rate)
+    assert is_frozen(health) == (False, False)
+    later = 17 * rate
+    assert across[later] > 0.5
+    assert is_frozen(judged(held(samples, later, rate), rate=rate)) == (True, True)
+
+
 def circling(begin):
     """5 m/s^2 across at 0.5 rad/s, from then on."""
     return (

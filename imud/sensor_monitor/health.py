@@ -75,6 +75,8 @@ MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; whit
 MIN_NOISE_STEPS = 2.0  # mean second difference, in resolutions, from which 20 equal samples in a row are impossible
 NEIGHBOUR_NOISE_STEPS = 4.0  # the same of a neighbour; an axis of a third of its noise would change in a second, too
 MIN_TURN_SAMPLES, MAX_TURN = 64, 0.1  # rad, by which repeated rates may have turned a force that repeats; samples
+HELD_S = 0.5  # a sensor without noise repeats its values for longer at rest, or on level ground
+REST_TURN = 0.02  # rad; what repeats a sample and would have turned the force by less may rest
 ZERO_SAMPLES = 3  # samples in a row whose specific force is exactly 0
 IMPOSSIBLE_RATIO = 2.0  # a reading beyond so many times the range is impossible
 RANGE_SHARE = 0.999  # a reading from this share of the range on is at its end: scale factors are rounded
@@ -120,7 +122,7 @@ HEALTH = np.dtype(
         ("whole_start_ns", "<i8"),  # time of the first of them
         ("whole_repeat_count", "<i8"),  # samples that were equal to the one before
         ("min_whole_repeats", "<i8"),
-        ("has_held", "<i8"),  # 1: an axis has repeated its value from LONG_HOLD on, and was not found frozen
+        ("has_held", "<i8"),  # 1: an axis has repeated its value for HELD_S, and not in motion with all others
         ("longest_hold", "<i8", (6,)),  # longest normal hold seen
         ("zero_count", "<i8"),  # samples in a row with a specific force of exactly 0
         ("bad_temperature_count", "<i8"),  # samples in a row with an impossible temperature
@@ -218,13 +220,35 @@ def has_noisy_neighbours(h: Health, i: int) -> bool:
 
 
 @kernel
+def turn_of_force2(h: Health, steps: float, elapsed_s: float) -> float:
+    """Square of the angle by which the rates would have turned the force, of so many samples ago (0 or 1), rad^2."""
+    v, d = h.value, h.difference
+    w = (v[0] - steps * d[0], v[1] - steps * d[1], v[2] - steps * d[2])
+    f = (v[3] - steps * d[3], v[4] - steps * d[4], v[5] - steps * d[5])
+    x, y, z = w[1] * f[2] - w[2] * f[1], w[2] * f[0] - w[0] * f[2], w[0] * f[1] - w[1] * f[0]
+    return float((x * x + y * y + z * z) * elapsed_s**2 / max(f[0] * f[0] + f[1] * f[1] + f[2] * f[2], 1e-9))
+
+
+@kernel
+def was_repeated_in_motion(h: Health, i: int, t_ns: int) -> bool:
+    """Whether axis i, which has just changed, had repeated its value because the whole sample was repeated.
+
+    Its rates would have turned the force by then: a sensor without noise that rests may repeat a sample, too.
+    """
+    start, last, period = h.repeats_start_ns[i], h.last_ns, t_ns - h.last_ns
+    whole = h.whole_start_ns - start <= LONG_HOLD * period
+    return bool(whole and turn_of_force2(h, 1.0, (last - start) * 1e-9) > REST_TURN**2)
+
+
+@kernel
 def repeats_itself(h: Health, i: int, t_ns: int) -> bool:
     """Whether axis i has held its value for too long."""
     most = max(h.min_repeats, HOLD_FACTOR * h.longest_hold[i])
     if h.repeats[i] < LONG_HOLD:
-        h.has_held |= 1 if LONG_HOLD <= h.hold[i] < MAX_INT else 0
-        if h.hold[i] < most:
-            h.longest_hold[i] = max(h.longest_hold[i], h.hold[i])
+        if LONG_HOLD <= h.hold[i] < MAX_INT and not was_repeated_in_motion(h, i, t_ns):
+            h.has_held |= 1 if h.last_ns - h.repeats_start_ns[i] > 1e9 * HELD_S else 0
+            if h.hold[i] < most:
+                h.longest_hold[i] = max(h.longest_hold[i], h.hold[i])
         h.hold[i] = 0
         return False
     if h.repeats[i] == LONG_HOLD:
@@ -246,14 +270,11 @@ def is_fine(h: Health, i: int) -> bool:
 @kernel
 def is_impossible_turn(h: Health, t_ns: int) -> bool:
     """Whether the rates that are repeated would have turned the force that is, in a sensor whose axes do not repeat."""
-    v, elapsed_s, force2 = h.value, (t_ns - h.whole_start_ns) * 1e-9, 0.0
     for i in range(6):
         if h.has_held == 1 or h.repeats[i] >= h.whole_repeats + LONG_HOLD:
             return False
-    for i in range(3, 6):
-        force2 += v[i] * v[i]
-    x, y, z = v[1] * v[5] - v[2] * v[4], v[2] * v[3] - v[0] * v[5], v[0] * v[4] - v[1] * v[3]
-    return bool(h.samples >= MIN_TURN_SAMPLES and (x * x + y * y + z * z) * elapsed_s**2 > MAX_TURN**2 * force2)
+    turn2 = turn_of_force2(h, 0.0, (t_ns - h.whole_start_ns) * 1e-9)
+    return bool(h.samples >= MIN_TURN_SAMPLES and turn2 > MAX_TURN**2)
 
 
 @kernel

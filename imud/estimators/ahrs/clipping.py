@@ -42,12 +42,13 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
         last, rate = clip.last_w[i], clip.w[i]
         slope = abs(rate - last) / dt
         if flags & (LIMITED_AXES << i):
-            before = cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
+            before, time_before = cut_off_angle(clip.slope[i], abs(rate), clip.time[i]), clip.time[i]
             if clip.time[i] == 0.0:
                 clip.slope[i], clip.time[i] = max(slope, clip.last_slope[i]), clip.flat[i]
             clip.time[i] += dt
             angle = cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
             variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
+            variance += (clip.slope[i] * dt) ** 2 * (clip.time[i] ** 2 - time_before**2) / 54.0  # T is of whole samples
             n = quat_rotate((q[0], q[1], q[2], q[3]), (p.sensor_axes[i], p.sensor_axes[3 + i], p.sensor_axes[6 + i]))
             add_attitude_variance(s, n, variance)
             add_clipping_variance(s, variance)

@@ -29,12 +29,18 @@ def between(a: Reals, b: Vector, share: float) -> Vector:
 
 
 @kernel
-def hold_invalid_axes(p: Parameters, last: Reals, w: Vector, flags: int) -> Vector:
-    """The rates w, with those of invalid axes of the sensor replaced by the last ones."""
+def hold_invalid_axes(p: Parameters, s: State, w: Vector, flags: int, fault_s: float) -> Vector:
+    """The rates w, with those of invalid axes of the sensor replaced by the last ones.
+
+    fault_s: of the time since the last sample that in which the sensor is at fault. For so long they return to zero,
+    as the rates of most bodies do.
+    """
+    last, bg, kept = s.imu.w, s.nav.bg, max(1.0 - fault_s / p.tuning.held_rate_time_s, 0.0)
+    held = (bg[0] + kept * (last[0] - bg[0]), bg[1] + kept * (last[1] - bg[1]), bg[2] + kept * (last[2] - bg[2]))
     axes = flags // NO_RATE_AXES & 7
     if flags & SUSPECT or axes == 0:
-        return last[0], last[1], last[2]
-    before, now = to_sensor_axes(p, (last[0], last[1], last[2])), to_sensor_axes(p, w)
+        return held
+    before, now = to_sensor_axes(p, held), to_sensor_axes(p, w)
     return to_body_axes(
         p,
         (

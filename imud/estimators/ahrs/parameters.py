@@ -81,6 +81,7 @@ _OUTAGES = (
     Tunable("gap_rate_psd", 0.5**2, "(rad/s)^2/s", "Random walk of the angular rate in a gap.", UNRECORDED),
     Tunable("gap_force_psd", 3.0**2, "(m/s^2)^2/s", "Random walk of the specific force in a gap.", UNRECORDED),
     Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
+    Tunable("held_rate_time_s", 0.3, "s", "Time constant with which it returns to zero.", HANDS, low=1e-3),
     Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
     Tunable("stamp_time_s", 60.0, "s", "Time over which is learned whether it is stamps that scatter.", HANDS, low=0.1),
     Tunable("clipping_error", 0.5, "", "Error of a rotation beyond the gyro's range, over its estimate.", HANDS),

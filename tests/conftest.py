@@ -28,13 +28,14 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
 # The files that take longest come first: what begins late is waited for at the end. Those of daemons wait most of their
-# time, the others compute: so the two kinds alternate, and there are more workers than processors.
+# time, the others compute: so the two kinds alternate, and there are more workers than processors. plugins come last:
+# by then same_bits has compiled most of the kernels that numba compiles for their daemon.
 FIRST = """
     daemon_spares same_bits faults_daemon golden_coverage recording web_page daemon_spare_restarts daemon golden
-    plugins consistency gpsd_fake daemon_seraccel compile_library daemon_spi daemon_receiver_alone mutate daemon_iio
+    consistency gpsd_fake daemon_seraccel compile_library daemon_spi daemon_receiver_alone mutate daemon_iio
     takeover nmea_mtk notebooks comparison foxglove power_on sensor fault_matrix replay status report c_reference
     sim_ports faults aiding_live probe sim_iio_polled navigation_heading_posterior soak demo calibrate_recordings
-    daemon_crossbow fuzz hot_path riss clock navigation_magnetometer ros2_node iio_polled
+    daemon_crossbow fuzz hot_path riss clock navigation_magnetometer ros2_node iio_polled plugins
 """
 
 

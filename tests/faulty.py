@@ -83,9 +83,9 @@ def decode(name, chunks):
         rx[fill : fill + len(data)] = np.frombuffer(data, np.uint8)
         n = in_c(driver.decode)(rx, fill + len(data), state, samples)
         fill = int(state["leftover"][0])
-        taken.append(samples[:n].copy())
+        taken.append(samples[:n].tobytes())
     counters = {field: int(state[field][0]) for field in ("frames", "junk", "bad", "lost", "suspect")}
-    return np.concatenate(taken), counters
+    return np.frombuffer(b"".join(taken), SAMPLE), counters
 
 
 def matched(reference, samples):

@@ -81,18 +81,18 @@ def _type(argument):
     if isinstance(argument, np.ndarray):
         if argument.ndim == 0 or not argument.flags.c_contiguous:
             raise UnsupportedError(argument.shape)
-        return "array", np.dtype((argument.dtype, argument.shape[1:]))
+        return "array", argument.dtype, argument.shape[1:]
     if isinstance(argument, tuple):
         return "tuple", float, len(argument)
     return "number", type(argument.item() if isinstance(argument, np.generic) else argument)
 
 
 def _kind(unit, each):
-    name, what, *n = each
+    name, what, *size = each
     return {
         "record": lambda: unit.of_dtype(what),
-        "array": lambda: unit.array(what),
-        "tuple": lambda: unit.tuple_of([FLOAT] * n[0]),
+        "array": lambda: unit.array(np.dtype((what, size[0]))),
+        "tuple": lambda: unit.tuple_of([FLOAT] * size[0]),
         "number": lambda: NUMBERS[what],
     }[name]()
 

@@ -131,7 +131,8 @@ EARLY = {  # between them these notice what test_mutate.py tries; each of the ot
     *("navigation-slow-drift-against-velocity-that-lasts", "navigation-no-velocity", "navigation-odometer"),
     *("navigation-overconfident-receiver", "navigation-odometer-against-a-drift", "attitude-start-in-a-steady-turn"),
     *("navigation-compass-mounted-wrong-without-boresight", "navigation-barometer-of-another-height"),
-    "attitude-gaps-of-about-a-second",
+    *("attitude-gaps-of-about-a-second", "attitude-multicopter", "navigation-step-of-the-bias-in-an-outage"),
+    "navigation-vibrating-gyro-at-rest",
 }
 
 

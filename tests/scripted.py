@@ -19,12 +19,14 @@ def run(dialogue, device):
             if exchange.discard:
                 device.outgoing.clear()
             device.receive_from(exchange.send)
-            heard, waited = bytearray(), 0.0
-            while waited < exchange.listen_s and not (exchange.enough and exchange.enough(bytes(heard))):
+            heard, waited, is_enough = bytearray(), 0.0, False
+            while waited < exchange.listen_s and not is_enough:
                 device.pass_time(STEP_S)
                 waited += STEP_S
-                heard += device.outgoing
-                device.outgoing.clear()
+                if device.outgoing:  # only bytes that come may make it enough, as in `DialogueRunner`
+                    heard += device.outgoing
+                    device.outgoing.clear()
+                    is_enough = exchange.enough is not None and exchange.enough(bytes(heard))
             device.pass_time(LEAST_EXCHANGE_S)
             time_s += waited + LEAST_EXCHANGE_S
             answer = bytes(heard)

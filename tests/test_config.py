@@ -35,6 +35,14 @@ def test_all_problems_at_once_with_key_and_line(tmp_path):
     assert len(message.splitlines()) == 5
 
 
+@pytest.mark.parametrize("n", [50, 51])
+def test_of_many_problems_fifty_are_listed(n):
+    with pytest.raises(ConfigError) as error:
+        config.loads("\n".join(f"k{i} = 1" for i in range(n)))
+    assert error.value.args[0].count("unknown key") == 50
+    assert error.value.args[0].endswith("\n  and more") == (n > 50)
+
+
 def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
     file = tmp_path / "imud.toml"
     file.write_text("[gpsd]\nrate_hz = 5\n", encoding="utf-8-sig")

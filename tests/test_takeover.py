@@ -1,5 +1,6 @@
 """A spare takes over: its attitude is as good as claimed, however it sits, and whatever the comparison saw of it."""
 
+import functools
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -111,22 +112,27 @@ def compared(rest_s, lean, turned_deg, seed, is_given=False):
     return d, rng, settings, first, second, spares
 
 
-def take_over(rest_s, lean, turned_deg, seed, is_given=False, estimator="navigation", has_fixes=True):
-    """What follows after that."""
+@functools.cache
+def handed_over(rest_s, lean, turned_deg, seed, is_given=False):
+    """What the spare is left with: the drive, the fixes on it, settings, its samples, calibration and findings."""
     d, rng, settings, _, second, spares = compared(rest_s, lean, turned_deg, seed, is_given)
     spares.remove(second.port)
     calibration = spares.calibration(second.port, second.configured, Calibration("b"), settings, 0)
-    after = second.rows[round(TAKEN_S * RATE) :]
+    fixes = received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1)
+    after = second.rows[round(TAKEN_S * RATE) :].copy()
+    return d, fixes, settings, after, calibration, spares.findings(second.port)
+
+
+def take_over(rest_s, lean, turned_deg, seed, is_given=False, estimator="navigation", has_fixes=True):
+    """What follows after that."""
+    d, fixes, settings, after, calibration, findings = handed_over(rest_s, lean, turned_deg, seed, is_given)
     filter_ = new_filter(estimator, after, settings)
     filter_.calibrate(calibration)
-    fixes = NO_FIXES
-    if has_fixes:
-        fixes = received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1)
-        fixes = fixes[fixes["arrival_ns"] > after["t_ns"][0]]
+    fixes = fixes[fixes["arrival_ns"] > after["t_ns"][0]] if has_fixes else NO_FIXES
     out, _ = replay(filter_, after, fixes)
     truth = d.attitude[round(TAKEN_S * RATE) :].as_euler("ZYX", degrees=True)[:, ::-1]
     error = (euler_deg(out["q_nb"]) - truth + 180.0) % 360.0 - 180.0
-    return Takeover(out, error, spares.findings(second.port))
+    return Takeover(out, error, findings)
 
 
 SEEDS = range(20, 24)

@@ -8,7 +8,7 @@ import re
 import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
-from itertools import accumulate
+from itertools import accumulate, chain, islice
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -160,13 +160,14 @@ def from_table(
     for key, value in (given or {}).items():
         _merge(table, key.split("."), value)
     lines = _lines_of(text)
+    found = chain(_problems(table, Settings), _unknown_names(table), _more_problems(table))
     problems = []
-    for path, what in (*_problems(table, Settings), *_unknown_names(table), *_more_problems(table)):
+    for path, what in islice(found, _PROBLEMS_MAX):
         where = f"{name}:{lines[path]}: " if path in lines else ""
         problems.append(f"{where}{path[:80]}: {what}")
     if problems:
-        more = [f"and {len(problems) - _PROBLEMS_MAX} more"] if len(problems) > _PROBLEMS_MAX else []
-        raise ConfigError("bad configuration\n  " + "\n  ".join(problems[:_PROBLEMS_MAX] + more))
+        more = ["and more"] if next(found, None) else []
+        raise ConfigError("bad configuration\n  " + "\n  ".join(problems + more))
     return msgspec.convert(table, Settings)
 
 

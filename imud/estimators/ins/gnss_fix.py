@@ -40,6 +40,7 @@ from .glr_tests.gyro_bias_step import (
     counts_positions,
     detect_gyro_bias_step,
     explained_by_gyro_bias_step,
+    has_positions_alone,
     interrupt_gyro_bias_step,
     note_fix,
     reset_gyro_bias_step,
@@ -201,6 +202,13 @@ def check_time_offset(p: Parameters, c: Core) -> None:
 
 
 @kernel
+def forget_drift_explained(p: Parameters, c: Core) -> None:
+    """A step of the sensors' biases was found in positions alone: what they showed was no drift."""
+    if has_positions_alone(p, c) and c.drift.detected == 0:
+        reset_drift(c)
+
+
+@kernel
 def check_gyro_bias(p: Parameters, c: Core) -> None:
     """Whether the gyro's bias has stepped; a compass shows such a turn by itself.
 
@@ -224,7 +232,7 @@ def check_gyro_bias(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         clear_contradictions(c)
         restart_in_motion_alignment(c)
-        reset_drift(c)
+        forget_drift_explained(p, c)
         interrupt_imu_bias_step(c)
         reset_lever_arm_error(c)
 
@@ -249,7 +257,7 @@ def check_imu_biases(p: Parameters, c: Core) -> None:
         correct_state(p, c)
         clear_contradictions(c)
         restart_in_motion_alignment(c)
-        reset_drift(c)
+        forget_drift_explained(p, c)
         reset_time_offset_step(c)
         reset_gyro_bias_step(c)
         reset_lever_arm_error(c)

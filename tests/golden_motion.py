@@ -230,6 +230,25 @@ def sensor_knocked():
 
 
 @golden("navigation")
+def sensor_tilted_with_positions_alone():
+    """It slips by 30 degrees about its lateral axis: the estimate flies away from the positions."""
+    samples, fixes = data(road(speed=12.0), seed=79, sigma=1.5, white=0.1)
+    later, turn = between(samples, 80.0, math.inf), Rotation.from_euler("y", 30.0, degrees=True)
+    for name in ("w", "f"):
+        samples[name][later] = turn.inv().apply(samples[name][later])
+    return navigated(samples, silent(fixes), vehicle="free")
+
+
+@golden("navigation")
+def step_of_the_biases_in_positions_alone():
+    """Of the gyro about the longitudinal axis, then of the accelerometers: seen late, and by either sensor."""
+    samples, fixes = data(road(speed=12.0), seed=56)
+    samples["w"][between(samples, 80.0, 1e9), 0] += 0.015
+    samples["f"][between(samples, 120.0, 1e9), 1] += 0.6
+    return navigated(samples, silent(fixes), vehicle="free")
+
+
+@golden("navigation")
 def step_of_the_bias_at_rest():
     """So still that it can be nothing else."""
     samples, fixes = data(road(rest=1e3), seed=54)

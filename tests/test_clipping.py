@@ -95,38 +95,6 @@ def test_what_a_first_plateau_cuts_off_is_bridged_from_its_beginning():
     assert np.mean(np.abs(missed)) < 4.0
 
 
-def swung_at_random(range_, seed=1, rate_hz=40.0):
-    """Samples of a body that is turned to and fro about x, at peaks that differ; beyond `range_` for two at most."""
-    t = np.arange(round(30.0 * rate_hz)) / rate_hz
-    rng = np.random.default_rng(seed)
-    w = 0.005 * rng.standard_normal((len(t), 3))
-    turn = np.floor(np.maximum(t - 2.0, 0.0) * 2.0).astype(int)
-    w[:, 0] += rng.uniform(6.0, 9.0, turn.max() + 1)[turn] * np.sin(4.0 * np.pi * (t - 2.0)) * (t > 2.0)
-    w[:, 0] = np.clip(w[:, 0], -range_, range_)
-    return samples_of(t, w, np.tile([0.0, 0.0, -9.8], (len(t), 1)) + 0.02 * w)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_range_that_is_reached_for_a_sample_or_two_shows_by_its_value(seed):
-    samples = swung_at_random(8.0, seed)
-    clipped = np.abs(samples["w"][:, 0]) == 8.0
-    late = np.arange(len(samples)) > 800
-    assert not np.any(np.convolve(clipped, np.ones(5), "valid") == 5)
-    assert ((flags_of(samples)[0] & LIMITED_RATE > 0) >= clipped)[late].all()
-
-
-@pytest.mark.parametrize("counts", [0.0, np.radians(0.1)])
-def test_largest_rates_that_are_no_range(counts):
-    """Peaks that differ, in fine readings and in coarse ones; and a simulated machine's, which are all the same."""
-    samples = swung_at_random(1e3)
-    machine = swung(6.0, hz=2.5, seconds=30.0)
-    machine["w"][:, 0] = 6.0 * np.sin(5.0 * np.pi * np.arange(len(machine)) / RATE)
-    for rows in (samples, machine):
-        if counts > 0.0:
-            rows["w"] = np.round(rows["w"] / counts) * counts
-        assert not flags_of(rows)[0].any()
-
-
 def test_a_damaged_reading_hides_no_range():
     """A spike far beyond the range before it is learned, and one after."""
     samples = swung(13.0, seconds=20.0)

@@ -4,10 +4,8 @@ The readings of a gyro or an accelerometer that reaches the end of its range ris
 is a shock), then stay constant at once. Smooth motion does not: the steps of a sinusoid between samples become small
 gradually, and if a step becomes KINK_RATIO times smaller within two samples, it does not stay so small for four. One
 such plateau at the largest reading counts as clipped while it lasts, for SINGLE_S at most, since a machine may begin to
-turn at a constant rate. A second plateau at the same reading is a range. Where samples are rare, the rate comes back
-after one or two of them, and there is no plateau; but then the largest reading is the same again and again, to the last
-digit, from different readings before, which peaks of motion are not: after TOPS steep rises to it, it is a range. Later
-readings near it are at the end of the range; two readings well beyond show that it was not the range.
+turn at a constant rate. A second plateau at the same reading is a range. Later readings near it are at the end of the
+range; two readings well beyond show that it was not the range.
 """
 
 from __future__ import annotations
@@ -27,8 +25,6 @@ KINK, KINK_RATIO = 2, 4.0  # samples from the steep step to the flat one; least 
 PLATEAU = 4  # flat steps that make a plateau
 NEAR_LARGEST = 0.97  # a plateau from this share of the largest reading on may be a range
 RANGE_END, BEYOND = 0.98, 1.05  # shares of a range: readings at its end, and those that show that it is not the range
-TOPS = 3  # steep rises to exactly the largest reading
-RISES_DIFFER = 0.1  # by this share of the rise; those of a simulated machine may be the same in each turn
 SINGLE_S = 1.0  # longest time for which a single plateau counts: hands do not turn for longer
 MIN_RANGE_RATE, MIN_RANGE_FORCE = 2.0, 15.0  # rad/s, m/s^2: no gyro or accelerometer has a smaller range
 
@@ -38,9 +34,6 @@ CLIPPING = np.dtype(
         ("range", "<f8", (6, 2)),  # learned, of negative and positive readings; infinite: none
         ("plateau", "<f8", (6, 2)),  # reading of the newest plateau
         ("largest", "<f8", (6, 2)),  # largest reading seen of either sign: calibrated, the ends are not symmetric
-        ("top", "<f8", (6, 2)),  # the largest reading, exactly
-        ("tops", "<i8", (6, 2)),  # steep rises to it
-        ("top_rise", "<f8", (6, 2)),  # the newest of them
         ("rising", "<i8", (6,)),  # samples for which a steep rise still counts
         ("steep", "<f8", (6,)),  # the newest step if it is a steep rise, else 0
         ("rise", "<f8", (6,)),  # the smaller of the last two steep steps
@@ -62,17 +55,6 @@ def new_clipping(rate_hz: float) -> Any:
 
 
 @kernel
-def is_top(c: Clipping, i: int, side: int, size: float, rise: float) -> bool:
-    """Axis i has steeply risen to a reading of this size: is it the largest one, and the same, once too often?"""
-    if size > c.top[i, side]:
-        c.top[i, side], c.top_rise[i, side], c.tops[i, side] = size, rise, 1
-    elif size == c.top[i, side] and abs(rise - c.top_rise[i, side]) > RISES_DIFFER * c.top_rise[i, side]:
-        c.top_rise[i, side] = rise
-        c.tops[i, side] += 1
-    return bool(c.tops[i, side] >= TOPS)
-
-
-@kernel
 def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
     """Whether the reading `value` of axis i, `step` more than the one before, is at the end of a learned range."""
     size, side = abs(value), 1 if value > 0.0 else 0
@@ -89,8 +71,6 @@ def is_clipped(c: Clipping, i: int, value: float, step: float) -> bool:
         c.flat[i] = c.single[i] = 0
         c.rising[i] -= 1
         steep = rise if rise > STEEP * size else 0.0
-        if steep > 0.0 and is_top(c, i, side, size, steep):
-            c.range[i, side] = c.top[i, side]
         if min(steep, c.steep[i]) > 0.0:
             c.rising[i], c.rise[i] = KINK, min(steep, c.steep[i])
         c.steep[i] = steep

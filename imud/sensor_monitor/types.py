@@ -8,9 +8,6 @@ class Clipping:
     range: Tensor
     plateau: Tensor
     largest: Tensor
-    top: Tensor
-    tops: Tensor
-    top_rise: Tensor
     rising: Integers
     steep: Reals
     rise: Reals

@@ -3,9 +3,9 @@
 A blow, a change of temperature, or vibration that a sensor rectifies changes biases whose variances are small. The
 receiver's velocities then tilt the estimate instead, and after a turn the tilt is wrong. A step d since an onset is a
 fault of `fault_sensitivity`, whose chi-square, over the mean square of the residuals, decides. All three components of
-a velocity count; positions, in which lever arms and drifts look alike, only where the receiver reports no velocity. The
-test of `gyro_bias_step`, about the vertical alone, sees smaller steps. The prior of d is that of the biases at
-switch-on.
+a velocity count; positions only of metres, and where the receiver reports no velocity: in those of centimetres a wrong
+lever arm looks alike. The test of `gyro_bias_step`, about the vertical alone, sees smaller steps. The prior of d is
+that of the biases at switch-on.
 
 A hypothesis is an onset and a sensor: 2 j + RATES and 2 j + FORCES for onset j. The first onset follows the newest fix
 as long as nothing shows since it: it is there when a large step begins. The other two see slow ones: the second is up
@@ -54,6 +54,13 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("imu_bias_step_chi2", 25.0, "", "Chi-square (3 degrees of freedom) that proves a step.", "Once in 65000."),
+    Tunable(
+        "positions_step_chi2",
+        42.0,
+        "",
+        "The same with positions alone, whose errors last.",
+        "Simulated cars that stop and go: with 25 six of twenty had a step that was none.",
+    ),
     Tunable(
         "likely_imu_bias_step_chi2",
         8.0,
@@ -351,9 +358,8 @@ def detect_imu_bias_step(p: Parameters, c: Core, explained_otherwise: float) -> 
     h = most_likely_hypothesis(p, c)
     x, y, z, explained, residual = estimate_imu_bias_step(p, c, h)
     otherwise = max(explained_otherwise, explained_by_step_of(p, c, 1 - h % 2))
-    proven = explained > max(
-        max(residual, 1.0) * p.tuning.imu_bias_step_chi2, otherwise + p.tuning.imu_bias_step_excess
-    )
+    least = p.tuning.positions_step_chi2 if has_positions_alone(p, c) else p.tuning.imu_bias_step_chi2
+    proven = explained > max(max(residual, 1.0) * least, otherwise + p.tuning.imu_bias_step_excess)
     proven = proven and fits(p, c, h, explained, residual)
     g.proofs = g.proofs + 1 if proven else 0
     if g.proofs < p.tuning.imu_bias_step_proofs:

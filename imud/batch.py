@@ -15,7 +15,10 @@ BLOCK = 4096  # samples: each costs some 20 us of Python
 RATE_SAMPLES = 1000  # whose mean period is compared with the median one
 MEDIAN_RATIO = 0.6, 1.2  # of the median period over that mean; else samples come in packets
 LONGEST_PACKET = 1.5  # over the median one; between longer ones whole packets are missing
-LEAST_DISPERSION = 0.85  # of the samples in a packet, over that of random losses: polls have counts that vary less
+WHOLE_QUANTILE = 0.99  # of the numbers of samples in packets
+SUMMED, LEAST_SUMS = 16, 4  # packets in a sum of their samples; sums
+LEAST_DISPERSION = 0.5  # of the variance of such sums, over that of random losses
+LARGEST_VARIATION = 0.02  # of the time from packet to packet, over its mean: a poll may be late
 NO_MEASUREMENT = np.zeros(0, MEASUREMENT)
 
 
@@ -38,18 +41,24 @@ def rate_hz_of(samples: Records) -> float:
 def period_in_packets(t_ns: NDArray[np.int64], mean_ns: float) -> float:
     """The period of a sensor whose samples come in packets, ns; mean_ns: the mean one of the samples that came.
 
-    Where all packets have one size and lack single samples at random, the largest one is whole, and the numbers of
-    samples in them have a binomial distribution. Else it is the mean one: polls find what the sensor has by then, and
-    how many samples that were is not known.
+    Where all packets have one size and lack single samples at random, the largest ones are whole (some larger one may
+    have a sample twice), and the numbers of samples in them are independent, with a binomial distribution, so that the
+    variance of a sum of them grows with their number. Else it is the mean one: polls find what the sensor has by then,
+    which is bound to the time, and how many samples that were is not known.
     """
     newest = np.flatnonzero(np.diff(t_ns) > 0.5 * mean_ns)
     lengths, counts = np.diff(t_ns[newest]), np.diff(newest)
     if len(counts) == 0:
         return mean_ns
     single = lengths < LONGEST_PACKET * np.median(lengths)
-    size, mean = np.max(counts[single]), np.mean(counts[single])
-    binomial = mean * (1.0 - mean / size)
-    return float(np.mean(lengths[single]) / size) if np.var(counts[single]) >= LEAST_DISPERSION * binomial else mean_ns
+    lengths, counts = lengths[single], counts[single]
+    size, mean = np.quantile(counts, WHOLE_QUANTILE, method="higher"), np.mean(counts)
+    surplus = np.cumsum(counts - lengths * (np.sum(counts) / np.sum(lengths)))
+    sums = np.diff(surplus[::SUMMED])
+    if len(sums) < LEAST_SUMS or np.std(lengths) > LARGEST_VARIATION * np.mean(lengths):
+        return mean_ns
+    binomial = SUMMED * mean * (1.0 - mean / size)
+    return float(np.mean(lengths) / size) if np.mean(sums**2) >= LEAST_DISPERSION * binomial else mean_ns
 
 
 def in_order_of_arrival(parts: Iterable[Records]) -> Records:

@@ -87,7 +87,7 @@ def process_sample(p: Parameters, s: State, sample: Sample, dt: float) -> None:
     has_rate = sample.flags & (SUSPECT | NO_RATE) == 0 and math.isfinite(w[0] + w[1] + w[2])
     has_force = sample.flags & (SUSPECT | NO_FORCE) == 0 and math.isfinite(f[0] + f[1] + f[2])
     if not has_rate:
-        w = hold_invalid_axes(p, s, w, sample.flags, dt if sample.outage_s > 0.0 else 0.0)
+        w = hold_invalid_axes(p, s, w, sample.flags, dt if sample.outage_s > c.steady_rate_s else 0.0)
         hold_rate(p, s, max(dt, 0.0), sample.outage_s)
     if not has_force:
         f = force_without_acceleration(p, s, max(dt, 0.0)) if has_rate else (s.imu.f[0], s.imu.f[1], s.imu.f[2])

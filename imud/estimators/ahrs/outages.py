@@ -32,8 +32,8 @@ def between(a: Reals, b: Vector, share: float) -> Vector:
 def hold_invalid_axes(p: Parameters, s: State, w: Vector, flags: int, fault_s: float) -> Vector:
     """The rates w, with those of invalid axes of the sensor replaced by the last ones.
 
-    fault_s: of the time since the last sample that in which the sensor is at fault. For so long they return to zero,
-    as the rates of most bodies do.
+    fault_s: time since the last sample where a fault of the sensor lasts for more than `steady_rate_s`, else 0. For so
+    long they return to zero, as the rates of most bodies do; for single samples that are missing they do not.
     """
     last, bg, kept = s.imu.w, s.nav.bg, max(1.0 - fault_s / p.tuning.held_rate_time_s, 0.0)
     held = (bg[0] + kept * (last[0] - bg[0]), bg[1] + kept * (last[1] - bg[1]), bg[2] + kept * (last[2] - bg[2]))

@@ -20,6 +20,7 @@ class Tuning:
     gap_rate_psd: float
     gap_force_psd: float
     fault_rate_radps: float
+    steady_rate_s: float
     held_rate_time_s: float
     fault_force_psd: float
     stamp_time_s: float

@@ -6,12 +6,18 @@ from accuracy_simulated import wander
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from test_navigation_aiding import headings
+from test_navigation_divergence import P, core
 from test_navigation_gyro_bias_step import onset_ages
+
+from imud.compile.jit import interpreted
+from imud.estimators.ins.glr_tests.imu_bias_step import allow_for_imu_bias_step
+from imud.estimators.ins.state import FORCES, IMU_STEP_FAULT, STATES
+from imud.math.kalman import unpack
 
 RATE, BEGIN_S = 100, 90.0
 DRIVE = Later(drive, 180.0, speed=12.0)
 OFF = 1e9
-BLIND = {"imu_bias_step_chi2": OFF, "likely_imu_bias_step_chi2": OFF}
+BLIND = dict.fromkeys(("imu_bias_step_chi2", "positions_step_chi2", "likely_imu_bias_step_chi2"), OFF)
 G = 9.80665
 
 
@@ -34,6 +40,11 @@ def run(seed, name, step, tuning=None, alone=False):
     fixes = without_velocity(fixes) if alone else fixes
     out, begin = navigate(samples, fixes, settings_of("free", tuning=tuning))[0], int(BEGIN_S * RATE)
     return np.degrees(np.hypot(*errors(d, out)[2][begin:, :2].T)), out[begin:]
+
+
+def wrong_and_sure_s(tilt, out):
+    sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
+    return np.count_nonzero((tilt > 5.0) & (tilt > 4.0 * sigma)) / RATE
 
 
 @pytest.mark.parametrize(
@@ -65,14 +76,12 @@ def test_a_step_is_found_and_the_tilt_is_right_again(name, step):
     ],
 )
 def test_positions_alone_show_a_step(name, step):
-    """They show it only seconds later, and no longer when it began, or which sensor has changed."""
-    found, blind = ([run(seed, name, step, tuning, alone=True) for seed in range(3)] for tuning in (None, BLIND))
-    mean, mean_blind = (np.mean([np.sqrt(np.mean(tilt**2)) for tilt, _ in runs]) for runs in (found, blind))
-    assert mean < 0.5 * mean_blind
-    for tilt, out in found:
-        sigma = np.degrees(out["sigma_rpy"][:, :2].max(axis=1))
-        assert tilt[int(60 * RATE) :].max() < 1.5
-        assert np.count_nonzero((tilt > 5.0) & (tilt > 4.0 * sigma)) < 4 * RATE
+    """They show it seconds later, and no longer when it began or in which sensor; some pass for a drift of them."""
+    found, blind = ([run(seed, name, step, tuning, alone=True) for seed in range(5)] for tuning in (None, BLIND))
+    rms, rms_blind = ([np.sqrt(np.mean(tilt**2)) for tilt, _ in runs] for runs in (found, blind))
+    wrong, wrong_blind = (sum(wrong_and_sure_s(tilt, out) for tilt, out in runs) for runs in (found, blind))
+    assert np.median(rms) < 0.5 * np.median(rms_blind)
+    assert wrong <= 0.3 * wrong_blind
 
 
 @pytest.mark.parametrize("across_g", [-0.1, pytest.param(-0.085, marks=pytest.mark.thorough)])
@@ -125,14 +134,24 @@ def test_with_positions_alone_the_first_two_onsets_wait_for_what_shows_late():
     assert 8.0 < oldest.min() < oldest.max() == pytest.approx(48.0, abs=2.0)
 
 
-def test_where_either_sensor_may_have_changed_the_stated_tilt_allows_for_both():
-    """Of a step of the accelerometers, as positions alone show it, the correction may be that of the gyros."""
-    d, samples, fixes = sensed_with_step(7, "f", np.array([72.0, 46.0, -21.0]) * 1e-3 * G, 1.0)
-    out = navigate(samples, without_velocity(fixes), settings_of("free"))[0]
-    position, _, attitude = (error[int(BEGIN_S * RATE) :] for error in errors(d, out))
-    tilt, sigma = np.degrees(np.hypot(*attitude[:, :2].T)), np.degrees(out["sigma_rpy"][int(BEGIN_S * RATE) :, :2])
-    assert not ((tilt > 5.0) & (tilt > 4.0 * sigma.max(axis=1))).any()
-    assert np.hypot(*position[:, :2].T).max() < 20.0
+@pytest.mark.parametrize(("explained_by_other", "counts"), [(150.0, True), (250.0, False)])
+def test_a_step_of_the_other_sensor_that_explains_half_as_much_counts_in_the_covariance(explained_by_other, counts):
+    """P += e e', e being the difference of the two corrections."""
+    c, d, onset = core(), np.array([0.1, -0.2, 0.3]), 1
+    h, rng = 2 * onset + FORCES, np.random.default_rng(1)
+    g, columns = c.imu_bias_step, slice(IMU_STEP_FAULT + 3 * h, IMU_STEP_FAULT + 3 * h + 3)
+    c.gyro_bias_step.velocity_ns = c.nav.t_ns
+    g.onset_ns[onset] = c.nav.t_ns
+    information = 100.0 / (d @ d)
+    g.information[h] = information * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+    g.vector[h] = (information + 1.0 / P.accel_bias_sigma**2) * d
+    g.energy[onset], g.count[onset] = 1.1 * g.vector[h] @ d, 1e3
+    c.faults.sensitivity[:, columns] = rng.standard_normal((STATES, 3))
+    c.scratch.x[:STATES] = rng.standard_normal(STATES)
+    before = unpack(c.cov.P, STATES)
+    interpreted(allow_for_imu_bias_step)(P, c, FORCES, explained_by_other / 100.0 * g.vector[h] @ d)
+    e = c.faults.sensitivity[:, columns] @ d + c.scratch.x[:STATES]
+    np.testing.assert_allclose(unpack(c.cov.P, STATES), before + counts * np.outer(e, e), rtol=1e-9, atol=1e-12)
 
 
 def test_beside_a_compass_errors_that_velocities_share_are_no_step():

@@ -40,7 +40,6 @@ from .glr_tests.gyro_bias_step import (
     counts_positions,
     detect_gyro_bias_step,
     explained_by_gyro_bias_step,
-    has_positions_alone,
     interrupt_gyro_bias_step,
     note_fix,
     reset_gyro_bias_step,
@@ -49,6 +48,7 @@ from .glr_tests.imu_bias_step import (
     allow_for_imu_bias_step,
     detect_imu_bias_step,
     explained_by_imu_bias_step,
+    has_positions_alone,
     interrupt_imu_bias_step,
     least_residual,
 )

@@ -371,6 +371,7 @@ class Tuning:
     gyro_bias_onset_s: float
     gyro_bias_correlation_s: float
     imu_bias_step_chi2: float
+    coarse_position_sigma: float
     positions_step_chi2: float
     likely_imu_bias_step_chi2: float
     imu_bias_step_excess: float

@@ -99,22 +99,16 @@ def open_gyro_bias_step(c: Core, j: int) -> None:
 
 
 @kernel
-def has_survey(p: Parameters, c: Core) -> bool:
-    """Whether positions are of centimetres."""
-    return bool(0.0 < c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma)
-
-
-@kernel
-def has_positions_alone(p: Parameters, c: Core) -> bool:
-    """Whether the receiver reports no velocities, and positions of metres."""
-    silent_s = 1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns)
-    return bool(silent_s > p.tuning.gyro_bias_onset_s and not has_survey(p, c))
+def reports_no_velocity(p: Parameters, c: Core) -> bool:
+    """Whether the receiver reports positions alone."""
+    return bool(1e-9 * (c.nav.t_ns - c.gyro_bias_step.velocity_ns) > p.tuning.gyro_bias_onset_s)
 
 
 @kernel
 def counts_positions(p: Parameters, c: Core) -> bool:
     """Whether positions count: they are of centimetres, or the receiver reports no velocities."""
-    return bool(has_survey(p, c) or has_positions_alone(p, c))
+    exact = 0.0 < c.gnss.reported_sigma[HORIZONTAL] < p.tuning.survey_sigma
+    return bool(exact or reports_no_velocity(p, c))
 
 
 @kernel

@@ -3,7 +3,7 @@
 A blow, a change of temperature, or vibration that a sensor rectifies changes biases whose variances are small. The
 receiver's velocities then tilt the estimate instead, and after a turn the tilt is wrong. A step d since an onset is a
 fault of `fault_sensitivity`, whose chi-square, over the mean square of the residuals, decides. All three components of
-a velocity count; positions only of metres, and where the receiver reports no velocity: in those of centimetres a wrong
+a velocity count; positions only of metres, and where the receiver reports no velocity: in more accurate ones a wrong
 lever arm looks alike. The test of `gyro_bias_step`, about the vertical alone, sees smaller steps. The prior of d is
 that of the biases at switch-on.
 
@@ -37,6 +37,7 @@ from ..state import (
     DOWN_VELOCITY_AXIS,
     FORCES,
     GYRO_BIAS,
+    HORIZONTAL,
     IMU_BIAS_HYPOTHESES,
     IMU_BIAS_ONSETS,
     IMU_STEP_FAULT,
@@ -47,7 +48,7 @@ from ..state import (
     VELOCITY_AXIS,
 )
 from .fault_sensitivity import copy_column, open_column, remove_fault, set_sensitivity
-from .gyro_bias_step import has_positions_alone, share_of_new, weight_of
+from .gyro_bias_step import reports_no_velocity, share_of_new, weight_of
 
 if TYPE_CHECKING:
     from ..types import Core, Parameters
@@ -55,11 +56,18 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("imu_bias_step_chi2", 25.0, "", "Chi-square (3 degrees of freedom) that proves a step.", "Once in 65000."),
     Tunable(
+        "coarse_position_sigma",
+        0.5,
+        "m",
+        "Least sigma of positions that count: in more accurate ones a wrong lever arm looks like a step.",
+        "Choice.",
+    ),
+    Tunable(
         "positions_step_chi2",
         42.0,
         "",
         "The same with positions alone, whose errors last.",
-        "Simulated cars that stop and go: with 25 six of twenty had a step that was none.",
+        "Simulated cars that stop and go: with 25 six of twenty had a step that was none, with 42 one of 120.",
     ),
     Tunable(
         "likely_imu_bias_step_chi2",
@@ -154,6 +162,12 @@ def open_imu_bias_step(c: Core, j: int) -> None:
             g.vector[h, i] = 0.0
             open_column(c, IMU_STEP_FAULT + 3 * h + i)
             set_sensitivity(c, bias + i, IMU_STEP_FAULT + 3 * h + i, -1.0)
+
+
+@kernel
+def has_positions_alone(p: Parameters, c: Core) -> bool:
+    """Whether the receiver reports no velocities, and positions too coarse to show a lever arm."""
+    return bool(reports_no_velocity(p, c) and c.gnss.reported_sigma[HORIZONTAL] >= p.tuning.coarse_position_sigma)
 
 
 @kernel

@@ -66,7 +66,7 @@ TUNABLES = (
         "positions_step_chi2",
         42.0,
         "",
-        "The same with positions alone, whose errors last.",
+        "Chi-square that proves a step with positions alone, whose errors last.",
         "Simulated cars that stop and go: with 25 six of twenty had a step that was none, with 42 one of 120.",
     ),
     Tunable(
@@ -272,7 +272,7 @@ def copy_onset(c: Core, j: int) -> None:
 
 @kernel
 def nothing_shows(p: Parameters, c: Core) -> bool:
-    """Whether no step shows since the first onset; in positions it is seen by their innovations before it is a step."""
+    """Whether no step shows since the first onset; with positions alone, and the sum of squares is that of noise."""
     g = c.imu_bias_step
     shown = max(estimate_imu_bias_step(p, c, 0)[3], estimate_imu_bias_step(p, c, 1)[3])
     if has_positions_alone(p, c):

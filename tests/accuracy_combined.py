@@ -18,6 +18,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
+from msgspec.structs import replace
 from accuracy import (
     FIXES,
     LIMIT_DEG,
@@ -29,12 +30,15 @@ from accuracy import (
     solutions,
     yaw_errors,
 )
-from accuracy_simulated import RATE, RECEIVERS, judged, received, seeds_of, sensed, way
+from accuracy_simulated import ON_WHEELS, RATE, RECEIVERS, judged, received, seeds_of, sensed, way
 from navigation_runner import navigate, scorer, settings_of, table
 from scipy.spatial.transform import Rotation
+from simulated_aiding import drawn as aiding_drawn
 from simulated_errors import part
 from simulated_vehicles import VEHICLES
 
+from imud.batch import NO_MEASUREMENT
+from imud.configuration.settings import Aiding
 from imud.estimators.records import ATTITUDE_VALID, HEADING_VALID, POSITION_VALID
 
 G, EARTH_M = 9.80665, 6.37e6
@@ -291,9 +295,31 @@ def run_simulated(seed, tuning):
     return wrong, row["position m"], stated, f"{vehicle} {receiver} from {begin_s:.0f} s {names}"
 
 
+def run_aided(seed, tuning):
+    """The same of a simulated vehicle with one or two aiding sources; the text has also what it is without them."""
+    rng = np.random.default_rng([seed, 2])
+    vehicle, receiver = (list(of)[rng.integers(len(of))] for of in (VEHICLES, RECEIVERS))
+    d = way(vehicle, 50_000 + seed)
+    vrw, arw = (np.exp(rng.uniform(*np.log(span))) for span in VEHICLES[vehicle][1:])
+    samples, fixes = sensed(d, rng, vrw, arw), received(d, rng, receiver)
+    if rng.random() < 0.3:
+        begin, end = np.sort(rng.uniform(100.0, 340.0, 2)) * 1e9
+        fixes = fixes[(fixes["t_ns"] < begin) | (fixes["t_ns"] > min(end, begin + 60e9))]
+    measurements, names = aiding_drawn(d, rng, vehicle in ON_WHEELS)
+    settings = replace(settings_of(tuning=tuning), aiding=Aiding(magnetometer=True))
+    out, alone = (navigate(samples, fixes, settings, aiding=rows)[0] for rows in (measurements, NO_MEASUREMENT))
+    aided, alone = (judged(d, rows, 0) for rows in (out, alone))
+    stated = float(np.nanquantile(np.hypot(out["sigma_p"][:, 0], out["sigma_p"][:, 1]), 0.9))
+    wrong, without = (np.array([row[f"{name} s"] for name in ("position", "yaw", "tilt")]) for row in (aided, alone))
+    harm = {name: aided[name] / alone[name] for name in ("position m", "velocity m/s", "yaw deg")}
+    text = f"without {without.round(1)} s, ratios {' '.join(f'{x:.2f}' for x in harm.values())}"
+    return wrong, aided["position m"], stated, f"{vehicle} {receiver} {names} ({text})"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--simulated", action="store_true", help="simulated vehicles instead of the recordings")
+    parser.add_argument("--aiding", action="store_true", help="simulated vehicles with aiding sources, and their errors")
     parser.add_argument("--seeds", type=seeds_of, default=seeds_of("0-199"), metavar="FIRST-LAST")
     parser.add_argument("--set", type=lambda text: text.split(","), default=[], help="tunables: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
@@ -301,7 +327,7 @@ def main():
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     with ProcessPoolExecutor(a.jobs) as pool:
         rows = list(
-            zip(a.seeds, pool.map(run_simulated if a.simulated else run, a.seeds, [tuning] * len(a.seeds)), strict=True)
+            zip(a.seeds, pool.map(run_aided if a.aiding else run_simulated if a.simulated else run, a.seeds, [tuning] * len(a.seeds)), strict=True)
         )
     for seed, (wrong, rms, stated, text) in sorted(rows, key=lambda row: (row[1][0].sum(), np.nan_to_num(row[1][1]))):
         print(f"{seed:5d}  wrong {wrong.round(1)} s  rms {rms:.2f} m  stated {stated:.1f} m  {text}")

@@ -23,7 +23,7 @@ from .aiding.heading_contradiction import clear_contradictions, contradicts_head
 from .aiding.lever_arm_prior import set_gnss_lever_arm, weigh_lever_arm
 from .aiding.wheel_check import reject_by_wheels, wheels_contradict, wheels_reject, wheels_support
 from .alignment.in_motion import align_with_fix, low_motion_speed, reset_to_fix
-from .alignment.modes import HEADING_LOST, HEADING_WRONG, change_mode
+from .alignment.modes import GIVEN_HEADING_WRONG, HEADING_LOST, HEADING_WRONG, change_mode
 from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_variance, variance
 from .fusion import correct_state, write_innovation
@@ -268,11 +268,12 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
     """The heading is wrong: begin with the fix, and what was learned with an unconfirmed heading anew."""
     clear_contradictions(c)
     if c.alignment.mode == NAVIGATING:
-        if is_unconfirmed(c):
+        given = is_unconfirmed(c)
+        if given:
             reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
         distrust_compass(p, c)
         distrust_poses(c)
-        change_mode(p, c, HEADING_WRONG)
+        change_mode(p, c, GIVEN_HEADING_WRONG if given else HEADING_WRONG)
     reset_to_fix(p, c, fix)
 
 

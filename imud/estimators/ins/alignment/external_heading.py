@@ -14,7 +14,7 @@ from ..glr_tests.compass_offset import open_compass_offset
 from ..mechanization import body_to_ned, wrap_angle
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading
-from .modes import HEADING_KNOWN, HEADING_LOST, HEADING_WRONG, change_mode
+from .modes import GIVEN_HEADING_WRONG, HEADING_KNOWN, HEADING_LOST, change_mode
 from .velocity_pairs import is_levelled
 
 if TYPE_CHECKING:
@@ -59,5 +59,5 @@ def fuse_monitored_heading(p: Parameters, c: Core, m: Measurement, innovations: 
         distrust_compass(p, c)
         change_mode(p, c, HEADING_LOST)
     elif check_turns(p, c):
-        change_mode(p, c, HEADING_WRONG)
+        change_mode(p, c, GIVEN_HEADING_WRONG)
     return rows

@@ -8,6 +8,7 @@
 | NAVIGATING          | HEADING_LOST  | COARSE_ALIGNMENT | position and velocity: from the IMU to the antenna; the heading is unknown |
 | any                 | ATTITUDE_LOST | COARSE_ALIGNMENT | as HEADING_LOST; roll and pitch from gravity, the vehicle's axis is unknown |
 | any                 | HEADING_WRONG | COARSE_ALIGNMENT | as ATTITUDE_LOST; sensor errors are cleared, because they were learned with it |
+| any                 | GIVEN_HEADING_WRONG | COARSE_ALIGNMENT | the same, but for the gyro biases: what the heading has done to them is added to P |
 
 Every event also resets the tests of drift and of steps; HEADING_KNOWN clears the learned process noise and the pairs.
 The filter begins in COARSE_ALIGNMENT.
@@ -29,7 +30,7 @@ from ..boresights import forget_velocity_boresight, share_boresight
 from ..ekf import add_variance, combine, combine3, decorrelate, innovation_variance, variance
 from ..error_model import reset_gyro_scale
 from ..fusion import propagate_errors
-from ..glr_tests.compass_offset import close_compass_offset
+from ..glr_tests.compass_offset import close_compass_offset, sensitivity_to_compass
 from ..glr_tests.reset import reset_glr_tests
 from ..glr_tests.velocity_drift import reset_confirmations
 from ..lever_arm import (
@@ -72,23 +73,30 @@ TUNABLES = (
         "lost_tilt", math.radians(20.0), "rad", "Tilt sigma from which the alignment starts again.", "Linearization."
     ),
 )
-HEADING_KNOWN, HEADING_LOST, ATTITUDE_LOST, HEADING_WRONG = range(4)  # events
-SET_HEADING, TO_IMU, TO_ANTENNA, RESET_HEADING, RESET_TILT, RESET_ERRORS = 1, 2, 4, 8, 16, 32  # what is done
+EVENTS = 5
+HEADING_KNOWN, HEADING_LOST, ATTITUDE_LOST, HEADING_WRONG, GIVEN_HEADING_WRONG = range(EVENTS)
+SET_HEADING, TO_IMU, TO_ANTENNA, RESET_HEADING, RESET_TILT, RESET_ERRORS, KEEP_GYRO_BIASES = (
+    1, 2, 4, 8, 16, 32, 64,
+)  # fmt: skip, what is done
 TRANSITIONS = {  # mode: for each event the mode afterwards, and what is done
     COARSE_ALIGNMENT: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING | TO_IMU),
         HEADING_LOST: (COARSE_ALIGNMENT, RESET_HEADING),
         ATTITUDE_LOST: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT),
         HEADING_WRONG: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT | RESET_ERRORS),
+        GIVEN_HEADING_WRONG: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT | RESET_ERRORS | KEEP_GYRO_BIASES),
     },
     NAVIGATING: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING),
         HEADING_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING),
         ATTITUDE_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT),
         HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT | RESET_ERRORS),
+        GIVEN_HEADING_WRONG: (
+            COARSE_ALIGNMENT,
+            TO_ANTENNA | RESET_HEADING | RESET_TILT | RESET_ERRORS | KEEP_GYRO_BIASES,
+        ),
     },
 }
-EVENTS = 4
 NEXT_MODE, ACTIONS = np.array([TRANSITIONS[mode][event] for mode in TRANSITIONS for event in range(EVENTS)]).T.copy()
 
 
@@ -118,7 +126,7 @@ def change_mode(p: Parameters, c: Core, event: int) -> None:
         clear_learning(c)
         restart_in_motion_alignment(c)
     if actions & RESET_ERRORS:
-        reset_sensor_errors(p, c)
+        reset_sensor_errors(p, c, actions & KEEP_GYRO_BIASES != 0)
         forget_lever_arm(c)
 
 
@@ -160,11 +168,20 @@ def reset_tilt(p: Parameters, c: Core) -> None:
 
 
 @kernel
-def reset_sensor_errors(p: Parameters, c: Core) -> None:
-    """Biases and gyro_scale as before the first sample."""
+def reset_sensor_errors(p: Parameters, c: Core, keep_gyro_biases: bool) -> None:
+    """Biases and gyro_scale as before the first sample.
+
+    keep_gyro_biases: a heading that was given is wrong. By how much is not known; at most it has moved them by what a
+    heading does that is the wrong way round, whose velocities differ by two times themselves.
+    """
+    g = (c.nav.bg[0], c.nav.bg[1], c.nav.bg[2])
     clear_sensor_errors(c)
     for i in range(3):
-        decorrelate(c, GYRO_BIAS + i, p.gyro_bias_sigma**2)
+        known = p.gyro_bias_sigma**2
+        if keep_gyro_biases:
+            c.nav.bg[i] = g[i]
+            known = min(known, variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2)
+        decorrelate(c, GYRO_BIAS + i, known)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
     reset_gyro_scale(p, c)
 

@@ -107,6 +107,12 @@ def close_compass_offset(c: Core) -> None:
 
 
 @kernel
+def sensitivity_to_compass(c: Core, i: int) -> float:
+    """What an offset of the heading that was given, or of the compass, has done to error state i, per rad."""
+    return float(c.faults.sensitivity[i, COMPASS_FAULT])
+
+
+@kernel
 def state_turn(c: Core, variance: float) -> None:
     """The sensor may have been turned by this variance, rad^2: part of the heading's until that is confirmed."""
     if is_unconfirmed(c):

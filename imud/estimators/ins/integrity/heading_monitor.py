@@ -90,11 +90,10 @@ def monitor_heading(p: Parameters, c: Core, b: HypothesisBank, fix: Fix) -> bool
     )
     count_heading_fault(c, wrong)
     if c.alignment.heading_fault_count >= p.tuning.heading_faults:
-        learned_with_it = is_measured(c)
+        if is_measured(c):
+            return False
         distrust_compass(p, c)
         distrust_poses(c)
-        if learned_with_it:
-            return False
         if sigma < p.tuning.max_start_heading:
             rotate_to_heading(p, c, psi, sigma)
             realign(p, c)

@@ -313,6 +313,7 @@ def run_aided(seed, tuning):
     wrong, without = (np.array([row[f"{name} s"] for name in ("position", "yaw", "tilt")]) for row in (aided, alone))
     harm = {name: aided[name] / alone[name] for name in ("position m", "velocity m/s", "yaw deg")}
     text = f"without {without.round(1)} s, ratios {' '.join(f'{x:.2f}' for x in harm.values())}"
+    text += f", no yaw {aided['no yaw s']:.0f} and {alone['no yaw s']:.0f} s"
     return wrong, aided["position m"], stated, f"{vehicle} {receiver} {names} ({text})"
 
 

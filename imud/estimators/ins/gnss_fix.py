@@ -11,6 +11,7 @@ from ...compile.jit import kernel
 from ..records import NEW_RECEIVER, POSITION_N
 from .aiding.barometer import compare_heights
 from .aiding.course_heading import head_along_course
+from .aiding.external_aid import distrust_velocities
 from .aiding.external_pose import distrust_poses
 from .aiding.gnss_gate import ends_outage, reject_frozen
 from .aiding.gnss_noise import count_fix, horizontal_sigma, set_gnss_noise, set_speed
@@ -273,6 +274,7 @@ def find_heading_anew(p: Parameters, c: Core, fix: Fix) -> None:
             reset_time_offsets(p, c, fix, horizontal_sigma(p, fix))
         distrust_compass(p, c)
         distrust_poses(c)
+        distrust_velocities(c)
         change_mode(p, c, GIVEN_HEADING_WRONG if given else HEADING_WRONG)
     reset_to_fix(p, c, fix)
 

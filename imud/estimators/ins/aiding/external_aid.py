@@ -10,7 +10,7 @@ from ..state import NEVER_NS
 
 if TYPE_CHECKING:
     from ...types import Measurement
-    from ..types import ExternalAid
+    from ..types import Core, ExternalAid
 
 
 @kernel
@@ -36,3 +36,9 @@ def time_since_last(g: ExternalAid, m: Measurement) -> float:
 def others_of_error(dt: float, correlation_s: float) -> float:
     """How many measurements beside one, `dt` s apart, share an error of that correlation time."""
     return max(2.0 * correlation_s / dt, 1.0) - 1.0
+
+
+@kernel
+def distrust_velocities(c: Core) -> None:
+    """The estimate was wrong that external velocities have agreed with: they have to agree anew before they are used."""
+    c.external_velocity.used_share = c.body_velocity.used_share = 0.0

@@ -149,9 +149,15 @@ def external_velocity_jacobian(p: Parameters, c: Core, m: Measurement, i: int) -
 
 
 @kernel
-def check_share(p: Parameters, g: ExternalAid, agrees: bool, dt: float) -> bool:
-    """Whether enough of the velocities have agreed lately, this one included. dt: since the last, s."""
-    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, 1.0)
+def check_share(p: Parameters, c: Core, g: ExternalAid, agrees: bool, dt: float) -> bool:
+    """Whether enough of the velocities have agreed lately, this one included. dt: since the last, s.
+
+    Beside a receiver no single one decides: of a sensor that comes, or comes again, they have to agree for some seconds.
+    """
+    beside = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.external_velocity_share_s
+    most = p.tuning.external_velocity_correlation_s if beside else dt
+    gain = min(min(dt, most) / p.tuning.external_velocity_share_s, 1.0)
+    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * gain
     return bool(g.used_share >= p.tuning.external_velocity_min_share)
 
 
@@ -219,7 +225,7 @@ def fuse_velocity(p: Parameters, c: Core, g: ExternalAid, m: Measurement, innova
         if math.isfinite(z):
             wrong = is_reversed(p, g, i, m.value[i], v[i], s, dt)
             agrees = agrees and not wrong and not z * z > p.tuning.external_velocity_agreement * s
-    used = check_share(p, g, agrees, dt) and used
+    used = check_share(p, c, g, agrees, dt) and used
     n = 0
     for i in range(3):
         if not math.isfinite(m.value[i]):

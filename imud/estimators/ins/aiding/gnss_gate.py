@@ -41,6 +41,7 @@ from .gnss_reset import (
     lose_attitude,
     reset_to_gnss,
 )
+from .external_aid import distrust_velocities
 from .heading_contradiction import count_reset
 from .position_divergence import estimate_diverges, measure_divergence
 from .wheel_check import wheels_reject, wheels_support
@@ -116,6 +117,13 @@ def reports_velocity(p: Parameters, fix: Fix) -> bool:
     """Whether the receiver reports a velocity, or a speed with a direction or too low for one."""
     directed = math.isfinite(fix.course) or fix.speed < p.tuning.min_course_speed
     return bool(math.isfinite(fix.v[0]) or (math.isfinite(fix.speed) and directed))
+
+
+@kernel
+def velocity_is_measured(p: Parameters, c: Core, fix: Fix) -> bool:
+    """Whether rest, wheels or the receiver's velocity agree with the estimated velocity."""
+    agrees = c.integrity.velocity_reject_count == 0 and c.drift.detected != BY_WHEELS
+    return bool(not estimate_may_be_wrong(p, c) or (reports_velocity(p, fix) and agrees))
 
 
 @kernel
@@ -326,6 +334,8 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         for i in range(2):
             g.first_offset[i] = bias_free_innovation(c, i)
     supported = velocity_is_supported(p, c, fix)
+    if g.reject_count[HORIZONTAL] > p.tuning.outlier_count and not velocity_is_measured(p, c, fix):
+        distrust_velocities(c)
     consistent_s = consistent_for(p, c, supported)
     measure_divergence(p, c)
     diverges = estimate_diverges(p, c) and not supported

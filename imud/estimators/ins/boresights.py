@@ -195,6 +195,13 @@ def widen_unused_boresight(p: Parameters, c: Core) -> None:
     c.cov.boresight_covariance[HEADING_BORESIGHT, HEADING_BORESIGHT] += widen_boresight_prior(p, c)
 
 
+@kernel
+def reopen_boresight(c: Core, off: float) -> None:
+    """The compass has turned, or iron came near it: of its boresight only is known that it is off by so much, rad."""
+    forget(c, HEADING_BORESIGHT)
+    c.cov.boresight_covariance[HEADING_BORESIGHT, HEADING_BORESIGHT] = off * off
+
+
 # the velocity sensor's
 
 

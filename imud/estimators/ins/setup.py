@@ -80,7 +80,7 @@ NEVER = {  # records of the core: their times that begin as NEVER_NS
     "imu_bias_step": ("onset_ns",),
     "velocity_drift": ("onset_ns",),
     "compass_offset": ("onset_ns",),
-    "heading_aid": ("last_ns", "last_used_ns", "agreeing_ns", "off_ns"),
+    "heading_aid": ("last_ns", "last_used_ns", "agreeing_ns", "rejecting_ns", "off_ns"),
     "barometer": ("last_ns", "last_used_ns", "changed_ns", "fix_ns"),
     "magnetometer": ("last_ns", "since_ns", "contradicted_ns"),
     "odometer": ("last_ns", "last_used_ns", "reading_ns"),

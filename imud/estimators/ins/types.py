@@ -518,6 +518,7 @@ class HeadingAid:
     last_used_ns: int
     distrusted: int
     agreeing_ns: int
+    rejecting_ns: int
     boresight: float
     boresight_prior: float
     yaw_corrections: float

@@ -23,6 +23,7 @@ from ..boresights import (
     begin_boresight,
     forget_boresight,
     prior_variance,
+    reopen_boresight,
     set_heading_row,
     widen_unused_boresight,
 )
@@ -57,7 +58,8 @@ TUNABLES = (
         "heading_reject_s",
         15.0,
         "s",
-        "Time of rejections after which a heading that a compass gave and motion has not confirmed is given up.",
+        "Time of rejections after which a heading that a compass gave and motion has not confirmed is given up; of a "
+        "confirmed one the compass's boresight.",
         "Choice: reflections are mostly shorter.",
     ),
     Tunable("heading_agreement", 4.0, "NIS", "Gate of a compass that was wrong.", "Two sigma."),
@@ -122,6 +124,19 @@ def contradicts_itself(p: Parameters, c: Core, m: Measurement) -> bool:
     """Whether a compass gave the heading, motion has not confirmed it, and its headings have been rejected for long."""
     rejected_s = 1e-9 * (m.t_ns - max(c.heading_aid.last_used_ns, c.compass_offset.onset_ns))
     return bool(is_unconfirmed(c) and rejected_s > p.tuning.heading_reject_s)
+
+
+@kernel
+def has_turned(p: Parameters, c: Core, t_ns: int, used: bool) -> bool:
+    """Whether a compass has been rejected for so long, while fixes have shown the heading, that it is off anew."""
+    g = c.heading_aid
+    no_fix_s = 1e-9 * (t_ns - c.gnss.last_used_ns)
+    otherwise = used or g.distrusted != 0 or is_unconfirmed(c) or no_fix_s > p.tuning.coasting_s
+    g.rejecting_ns = agreeing_since(g.rejecting_ns, t_ns, not otherwise)
+    if otherwise or 1e-9 * (t_ns - g.rejecting_ns) < p.tuning.heading_reject_s:
+        return False
+    g.rejecting_ns = NEVER_NS
+    return True
 
 
 @kernel
@@ -197,4 +212,6 @@ def fuse_heading(p: Parameters, c: Core, m: Measurement, innovations: list[Innov
         c.heading_aid.last_used_ns = m.t_ns
     elif c.heading_aid.last_used_ns == NEVER_NS and not c.heading_aid.distrusted and not is_unconfirmed(c):
         widen_unused_boresight(p, c)  # the heading was known before the compass came
+    if has_turned(p, c, m.t_ns, used):
+        reopen_boresight(c, off)
     return write_innovation(innovations, 0, m.t_ns, HEADING, z, s, used)

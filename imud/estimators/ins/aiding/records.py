@@ -140,6 +140,7 @@ HEADING_AID = np.dtype(
         ("last_used_ns", "<i8"),  # and of the last that was used
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading that was fused from it
         ("agreeing_ns", "<i8"),  # since when it has agreed again
+        ("rejecting_ns", "<i8"),  # since when the headings of a compass that is trusted have been rejected
         ("boresight", "<f8"),  # rad, estimated, beyond that of the settings
         ("boresight_prior", "<f8"),  # rad^2, its variance before any motion
         ("yaw_corrections", "<f8"),  # rad, sum of all corrections of the yaw

@@ -53,14 +53,17 @@ def _dtypes(arguments: tuple[Any, ...]) -> list[np.dtype[Any] | None]:
     return [a.dtype if isinstance(a, np.ndarray) else None for a in arguments]
 
 
-def to_c(filter_: Filter, folder: Path) -> None:
-    """Replace the kernels of a filter, for samples and for fixes, by C. Raises NoReferenceError."""
+def to_c(filters: Sequence[Filter], folder: Path) -> None:
+    """Replace the kernels of filters, for samples and for fixes, by C of one library. Raises NoReferenceError."""
     unit = c.Translation()
-    kernel, recorder = filter_.stages.feed, _Recorder(0)
-    filter_.stages.feed = recorder
-    filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))
-    unit.export(kernel, _dtypes(recorder.arguments), "feed")
-    filter_.stages.feed = partial(call, build(unit.source, folder).feed)
+    for number, filter_ in enumerate(filters):
+        kernel, recorder = filter_.stages.feed, _Recorder(0)
+        filter_.stages.feed = recorder
+        filter_.run(np.zeros(1, SAMPLE), np.zeros(1, SOLUTION))
+        unit.export(kernel, _dtypes(recorder.arguments), f"feed_{number}")
+    library = build(unit.source, folder)
+    for number, filter_ in enumerate(filters):
+        filter_.stages.feed = partial(call, library[f"feed_{number}"])
 
 
 def pipeline_source(pipeline: InertialPipeline) -> tuple[str, bytes]:

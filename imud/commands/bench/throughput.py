@@ -151,7 +151,7 @@ class _Stepping:
         before = START_S * signals.RATE_HZ
         self._filter = Filter(registry.by_name(name), Settings(), Initial(), 1000.0)
         if folder is not None:
-            reference.to_c(self._filter, folder)
+            reference.to_c([self._filter], folder)
         play(self._filter, samples[:before], fixes, lambda rows: None)
         self._block, self._out = samples[before:].copy(), np.zeros(block, SOLUTION)
 

@@ -113,6 +113,7 @@ NOT_NOTICED = {
     "navigation.max_chord_turn": BETWEEN + "turn of north from one fix to the next",
     "navigation.contradicted_residual": BETWEEN + "mean NIS of fixes with a compass the wrong way round",
     "attitude.clipping_slope_kept": BETWEEN + "change of the slope with which a rate comes to the end of the range",
+    "attitude.clipping_return_slope": BETWEEN + "slope with which a rate comes back from beyond the range",
     "attitude.flat_step": BETWEEN + "step of a rate beside the end of the range",
     "riss.min_white_position": "the white noise of no receiver in the recordings comes down to it",
     "riss.min_white_velocity": "as above",

@@ -65,6 +65,50 @@ def test_a_machine_that_begins_to_turn_evenly_is_doubted_for_a_second():
     assert not flags_of(shock)[0].any()
 
 
+@pytest.mark.parametrize(("rate_hz", "counts"), [(50.0, 0.0), (100.0, 0.002), (200.0, 0.0)])
+def test_a_machine_that_turns_at_one_rate_again_and_again_has_reached_no_range(rate_hz, counts):
+    """After 12 s at rest. Without its noise as evidence the yaw was 100 deg off."""
+    rng = np.random.default_rng(3)
+    t = np.arange(round(60.0 * rate_hz)) / rate_hz
+    w = 0.003 * rng.standard_normal((len(t), 3))
+    turns = np.interp((t - 12.0) % 10.0, [0.0, 0.5, 2.5, 3.0, 10.0], [0.0, 5.0, 5.0, 0.0, 0.0]) * (t > 12.0)
+    w[:, 2] += turns
+    if counts > 0.0:
+        w = np.round(w / counts) * counts
+    samples = samples_of(t, w, [0.0, 0.0, -9.8] + 0.02 * rng.standard_normal(w.shape))
+    filter_, seen = new_filter("attitude", samples), samples.copy()
+    out = np.zeros(len(seen), SOLUTION)
+    filter_.run(seen, out)
+    assert (seen["flags"] & LIMITED_RATE > 0).mean() < 0.01
+    yaw = np.unwrap(2.0 * np.arctan2(out["q_nb"][:, 3], out["q_nb"][:, 0]))
+    turned = yaw[-1] - yaw[np.searchsorted(t, 11.0)]
+    missed = (turned - turns.sum() / rate_hz + np.pi) % (2.0 * np.pi) - np.pi
+    assert abs(missed) < 2.0 * DEG
+
+
+def swung_gently():
+    """Samples of a body that is swung about x at 1 Hz and exceeds RANGE little, so that it comes there slowly."""
+    samples = swung(0.0, seconds=20.0)
+    t = samples["t_ns"] * 1e-9
+    samples["w"][:, 0] += RANGE * np.minimum(t / 5.0, 1.06) * np.sin(2.0 * np.pi * (t - 4.0)) * (t > 4.0)
+    samples["w"][:, 0] = np.clip(samples["w"][:, 0], -RANGE, RANGE)
+    return samples, np.abs(samples["w"][:, 0]) == RANGE
+
+
+def test_a_range_that_is_reached_slowly_is_learned_and_no_axis_is_frozen():
+    samples, clipped = swung_gently()
+    flags, said = flags_of(samples)
+    assert ((flags & LIMITED_RATE > 0) == clipped)[800:].all()
+    assert said == ("gyro x at the end of its range",)
+
+
+def test_readings_just_below_the_end_of_an_exact_range_are_within_it():
+    samples, _ = swung_gently()
+    below = (np.abs(samples["w"][:, 0]) > 0.98 * RANGE) & (np.abs(samples["w"][:, 0]) < RANGE)
+    assert below[800:].sum() > 20
+    assert not (flags_of(samples)[0][800:][below[800:]] & LIMITED_RATE).any()
+
+
 def test_hands_beyond_a_range_that_no_data_sheet_declares_are_seldom_wrong_and_sure():
     """With a range from the second plateau on, and none of slow rises: wrong and sure for 4.6 of the 36 s."""
     seconds = []
@@ -196,3 +240,23 @@ def test_what_is_cut_off_is_part_of_the_sigma_while_the_rate_is_at_the_end():
     cut = (rate > RANGE) & (missing > 0.02)
     assert cut.sum() > 5
     assert (missing < 3.0 * np.sqrt(0.5 * tilt_variance_deg2(out)) * DEG)[cut].all()
+
+
+def test_what_is_cut_off_is_as_uncertain_whichever_end_is_steep():
+    """A roll that comes to the end of the range slowly and is stopped at once, and one the other way round."""
+
+    def sigma(times, speeds):
+        def rates(t):
+            swings = np.where(t < 10.0, np.sin(np.pi * t), 0.0)
+            return np.outer(swings + np.interp(t - 12.005, times, speeds), [1.0, 0.0, 0.0])
+
+        truth = simulate(12.75, 100.0, after(4.0, rates))
+        w, f = measure(truth, Flaws(), np.random.default_rng(1))
+        samples = samples_of(truth.t, np.clip(w, -6.0, 6.0), f)
+        out, _ = replay(new_filter("attitude", samples, Settings(imu=Imu(gyro_range_dps=np.degrees(6.0)))), samples)
+        return np.sqrt(0.5 * tilt_variance_deg2(out)[-1])
+
+    stopped = sigma([0.0, 0.4, 0.6, 0.7], [0.0, 6.0, 7.0, 0.0])  # by the first slope 2.5 deg
+    started = sigma([0.0, 0.1, 0.3, 0.7], [0.0, 7.0, 6.0, 0.0])
+    assert started > 1.5
+    assert 0.8 < stopped / started < 1.25

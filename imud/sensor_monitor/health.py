@@ -72,6 +72,7 @@ ALL_REPEATS, ALL_REPEAT_S = 100, 1.0  # the same where the noise of an axis, or 
 BLOCK = 256  # samples over which noise is measured
 LONG_HOLD = 8  # equal samples from which an axis is checked; noise is not measured in their block
 MIN_SIGN_CHANGES = BLOCK // 4  # of second differences in a block of noise; white noise has three times as many
+MAX_SHARE = 16.0 / BLOCK  # of a block's second differences in the largest one, if they are noise; white noise: 5
 MIN_NOISE_STEPS = 2.0  # mean second difference, in resolutions, from which 20 equal samples in a row are impossible
 NEIGHBOUR_NOISE_STEPS = 4.0  # the same of a neighbour; an axis of a third of its noise would change in a second, too
 MIN_TURN_SAMPLES, MAX_TURN = 64, 0.1  # rad, by which repeated rates may have turned a force that repeats; samples
@@ -113,8 +114,11 @@ HEALTH = np.dtype(
         ("resolution", "<f8", (6,)),  # smallest difference seen
         ("sign_changes", "<i8", (6,)),  # of the second difference, in the present block
         ("second_difference_sum", "<f8", (6,)),  # sum of its magnitudes in the block
+        ("second_difference_max", "<f8", (6,)),  # the largest of them
+        ("difference_sum", "<f8", (6,)),  # sum of the magnitudes of the difference
         ("block_invalid", "<i8", (6,)),  # 1: do not measure noise in this block
         ("noise", "<f8", (6,)),  # least mean second difference of a block; infinite: not known
+        ("noise_is_pure", "<i8", (6,)),  # 1: neither motion nor a step was a large part of them
         ("repeats", "<i8", (6,)),  # equal samples in a row
         ("hold", "<i8", (6,)),  # the same from LONG_HOLD on, and until the hold has ended
         ("repeats_start_ns", "<i8", (6,)),  # time of the first of them
@@ -173,6 +177,7 @@ def update_statistics(h: Health, sample: Any) -> bool:
     """
     value, difference, second_difference, resolution = h.value, h.difference, h.second_difference, h.resolution
     sign_changes, second_difference_sum, repeats = h.sign_changes, h.second_difference_sum, h.repeats
+    second_difference_max, difference_sum = h.second_difference_max, h.difference_sum
     wx, wy, wz, fx, fy, fz = sample.w[0], sample.w[1], sample.w[2], sample.f[0], sample.f[1], sample.f[2]
     h.reading[0], h.reading[1], h.reading[2], h.reading[3], h.reading[4], h.reading[5] = wx, wy, wz, fx, fy, fz
     for i in range(6):
@@ -183,6 +188,8 @@ def update_statistics(h: Health, sample: Any) -> bool:
         h.suspicious[i] = 1 if (repeats[i] >= LONG_HOLD - 1) | (not abs(v) < h.clipping.floor[i]) else 0
         sign_changes[i] += 1 if second * second_difference[i] < 0.0 else 0
         second_difference_sum[i] += abs(second)
+        second_difference_max[i] = max(second_difference_max[i], abs(second))
+        difference_sum[i] += size
         resolution[i] = min(resolution[i], size if size > 0.0 else math.inf)
         second_difference[i], difference[i], value[i] = second, d, v
         repeats[i] = repeats[i] + 1 if size == 0.0 else 0
@@ -203,8 +210,11 @@ def end_block(h: Health) -> None:
     """At the end of a block, update the noise of each axis for which the block is valid."""
     for i in range(6):
         if h.block_invalid[i] == 0 and h.sign_changes[i] >= MIN_SIGN_CHANGES:
-            h.noise[i] = min(h.noise[i], h.second_difference_sum[i] / BLOCK)
-        h.second_difference_sum[i] = 0.0
+            total = h.second_difference_sum[i]
+            if total < BLOCK * h.noise[i]:
+                pure = h.difference_sum[i] < total and h.second_difference_max[i] < MAX_SHARE * total
+                h.noise[i], h.noise_is_pure[i] = total / BLOCK, 1 if pure else 0
+        h.second_difference_sum[i] = h.second_difference_max[i] = h.difference_sum[i] = 0.0
         h.sign_changes[i] = h.block_invalid[i] = 0
 
 
@@ -320,13 +330,18 @@ def check_axis(h: Health, i: int, t_ns: int) -> int:
         return 1 << (INVALID + i)
     if not math.isfinite(h.second_difference[i]):  # one of the two values before was not finite
         h.difference[i] = h.second_difference[i] = h.second_difference_sum[i] = 0.0
+        h.second_difference_max[i] = h.difference_sum[i] = 0.0
         h.block_invalid[i] = 1
     if size >= h.range[i]:
         h.block_invalid[i] = 1
         return 1 << ((INVALID if size > IMPOSSIBLE_RATIO * h.range[i] else LIMITED) + i)
-    if size > h.clipping.floor[i] and is_clipped(h.clipping, i, h.value[i], h.difference[i]):
-        h.block_invalid[i] = 1
-        return 1 << (LIMITED + i)
+    if size > h.clipping.floor[i]:
+        step, bend, noise = h.difference[i], h.second_difference[i], h.noise[i]
+        noise = noise if h.resolution[i] <= noise < math.inf else 0.0
+        lsbs = noise / h.resolution[i] if h.noise_is_pure[i] == 1 and is_fine(h, i) else 0.0
+        if is_clipped(h.clipping, i, h.value[i], step, bend, noise, lsbs):
+            h.block_invalid[i] = 1
+            return 1 << (LIMITED + i)
     return 1 << (FROZEN + i) if repeats_itself(h, i, t_ns) else 0
 
 

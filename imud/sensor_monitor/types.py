@@ -12,6 +12,7 @@ class Clipping:
     steep: Reals
     rise: Reals
     flat: Integers
+    smooth: Integers
     single: Integers
     single_samples: int
 
@@ -84,8 +85,11 @@ class Health:
     resolution: Reals
     sign_changes: Integers
     second_difference_sum: Reals
+    second_difference_max: Reals
+    difference_sum: Reals
     block_invalid: Integers
     noise: Reals
+    noise_is_pure: Integers
     repeats: Integers
     hold: Integers
     repeats_start_ns: Integers

@@ -2,10 +2,11 @@
 
 A rate that rises by a slope to the end of the range and falls again by another after the time T has, as a parabola
 through both ends, turned by the mean slope times T^2 / 6 more than the gyro shows. That is added when the rate is back
-in the range; it is wrong by a part of itself. While the rate stays at the end, the rotation that may be missing is
-taken from the first slope; until it is added all of it is missing: with the time T unknown, uniform on a logarithmic
-scale, twice the angle that it would be if the rate came back now. A range that nobody knows yet is noticed after some
-flat steps: the time began with these, and the slope is the one before them.
+in the range; it is wrong by a part of what the larger slope would make it. A rate that goes on as it was had not been
+beyond. While the rate stays at the end, the rotation that may be missing is taken from the first slope; until it is
+added all of it is missing: with the time T unknown, uniform on a logarithmic scale, twice the angle that it would be if
+the rate came back now. A range that nobody knows yet is noticed after some flat steps: the time began with these, and
+the slope is the one before them.
 """
 
 from __future__ import annotations
@@ -32,32 +33,46 @@ def cut_off_angle(slope: float, rate: float, time: float) -> float:
 
 
 @kernel
+def cut_off_variance(p: Parameters, slope: float, rate: float, time: float, dt: float) -> float:
+    """Of that rotation, rad^2: it is wrong by a part of itself, and the time is one of whole samples."""
+    angle = cut_off_angle(slope, rate, time)
+    return p.tuning.clipping_error**2 * angle * angle + (slope * time * dt) ** 2 / 54.0
+
+
+@kernel
+def add_cut_off_variance(p: Parameters, s: State, i: int, variance: float) -> None:
+    """The rotation about axis i of the sensor is uncertain by so much more, rad^2."""
+    q, axes = s.nav.q_nb, p.sensor_axes
+    add_attitude_variance(s, quat_rotate((q[0], q[1], q[2], q[3]), (axes[i], axes[3 + i], axes[6 + i])), variance)
+    add_clipping_variance(s, variance)
+    add_attitude_noise(s, variance)
+
+
+@kernel
 def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
     """Rates w of the sample with what the samples before lack, and noise for it; by the axes of the sensor."""
-    clip, q = s.clipping, s.nav.q_nb
+    clip = s.clipping
     clip.missing_angle = 0.0
     clip.w[0], clip.w[1], clip.w[2] = to_sensor_axes(p, w)
     clip.last_w[0], clip.last_w[1], clip.last_w[2] = to_sensor_axes(p, (s.imu.w[0], s.imu.w[1], s.imu.w[2]))
     for i in range(3):
-        last, rate = clip.last_w[i], clip.w[i]
+        last, rate, time = clip.last_w[i], clip.w[i], clip.time[i]
         slope = abs(rate - last) / dt
         if flags & (LIMITED_AXES << i):
-            before, time_before = cut_off_angle(clip.slope[i], abs(rate), clip.time[i]), clip.time[i]
-            if clip.time[i] == 0.0:
+            before = cut_off_variance(p, clip.slope[i], abs(rate), time, dt)
+            if time == 0.0:
                 clip.slope[i], clip.time[i] = max(slope, clip.last_slope[i]), clip.flat[i]
             clip.time[i] += dt
-            angle = cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
-            variance = p.tuning.clipping_error**2 * (angle * angle - before * before)
-            variance += (clip.slope[i] * dt) ** 2 * (clip.time[i] ** 2 - time_before**2) / 54.0  # T is of whole samples
-            n = quat_rotate((q[0], q[1], q[2], q[3]), (p.sensor_axes[i], p.sensor_axes[3 + i], p.sensor_axes[6 + i]))
-            add_attitude_variance(s, n, variance)
-            add_clipping_variance(s, variance)
-            add_attitude_noise(s, variance)
-            clip.missing_angle += 2.0 * angle
+            after = cut_off_variance(p, clip.slope[i], abs(rate), clip.time[i], dt)
+            add_cut_off_variance(p, s, i, after - before)
+            clip.missing_angle += 2.0 * cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
         else:
-            if clip.time[i] > 0.0:
-                angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), clip.time[i])
+            if time > 0.0 and slope > p.tuning.clipping_return_slope * clip.slope[i]:  # else it had not been there
+                angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), time)
                 clip.w[i] += (angle if last > 0.0 else -angle) / dt
+                before = cut_off_variance(p, clip.slope[i], abs(last), time, dt)
+                after = cut_off_variance(p, max(clip.slope[i], slope), abs(last), time, dt)
+                add_cut_off_variance(p, s, i, after - before)
             clip.time[i] = 0.0
             if abs(rate - last) < p.tuning.flat_step * abs(rate):
                 clip.flat[i] += dt

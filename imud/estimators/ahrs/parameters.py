@@ -94,6 +94,13 @@ _OUTAGES = (
         HANDS,
         high=0.999,
     ),
+    Tunable(
+        "clipping_return_slope",
+        0.05,
+        "",
+        "Least slope of a rate that was beyond the range when it comes back, over that with which it went there.",
+        HANDS,
+    ),
     Tunable("flat_step", 0.005, "", "Largest flat step, as a share of the rate.", "As in `sensor_monitor.clipping`."),
     Tunable("saturation_noise", 0.2, "sqrt(s)", "Noise density of a saturated sensor, over its reading.", UNRECORDED),
 )

@@ -26,6 +26,7 @@ class Tuning:
     stamp_time_s: float
     clipping_error: float
     clipping_slope_kept: float
+    clipping_return_slope: float
     flat_step: float
     saturation_noise: float
     initial_tilt_rad: float

@@ -18,7 +18,6 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from msgspec.structs import replace
 from accuracy import (
     FIXES,
     LIMIT_DEG,
@@ -31,6 +30,7 @@ from accuracy import (
     yaw_errors,
 )
 from accuracy_simulated import ON_WHEELS, RATE, RECEIVERS, judged, received, seeds_of, sensed, way
+from msgspec.structs import replace
 from navigation_runner import navigate, scorer, settings_of, table
 from scipy.spatial.transform import Rotation
 from simulated_aiding import drawn as aiding_drawn
@@ -320,7 +320,9 @@ def run_aided(seed, tuning):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--simulated", action="store_true", help="simulated vehicles instead of the recordings")
-    parser.add_argument("--aiding", action="store_true", help="simulated vehicles with aiding sources, and their errors")
+    parser.add_argument(
+        "--aiding", action="store_true", help="simulated vehicles with aiding sources, and their errors"
+    )
     parser.add_argument("--seeds", type=seeds_of, default=seeds_of("0-199"), metavar="FIRST-LAST")
     parser.add_argument("--set", type=lambda text: text.split(","), default=[], help="tunables: KEY=VALUE,..")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
@@ -328,7 +330,13 @@ def main():
     tuning = {key: float(value) for key, value in (text.split("=") for text in a.set)}
     with ProcessPoolExecutor(a.jobs) as pool:
         rows = list(
-            zip(a.seeds, pool.map(run_aided if a.aiding else run_simulated if a.simulated else run, a.seeds, [tuning] * len(a.seeds)), strict=True)
+            zip(
+                a.seeds,
+                pool.map(
+                    run_aided if a.aiding else run_simulated if a.simulated else run, a.seeds, [tuning] * len(a.seeds)
+                ),
+                strict=True,
+            )
         )
     for seed, (wrong, rms, stated, text) in sorted(rows, key=lambda row: (row[1][0].sum(), np.nan_to_num(row[1][1]))):
         print(f"{seed:5d}  wrong {wrong.round(1)} s  rms {rms:.2f} m  stated {stated:.1f} m  {text}")

@@ -5,6 +5,7 @@ right (a scale factor, a boresight, slips); an error of `ERRORS` comes on top, f
 """
 
 import numpy as np
+from vehicle_simulation import RATE, slips
 
 from imud.estimators.records import (
     BAROMETER_SOURCE,
@@ -16,7 +17,6 @@ from imud.estimators.records import (
     POSE_SOURCE,
     VELOCITY_SOURCE,
 )
-from vehicle_simulation import RATE, slips
 
 EARTH_T = np.array([20.9e-6, 1.6e-6, 43.4e-6])  # NED, near Munich
 METRES_OF_LATITUDE = 6.37e6
@@ -117,8 +117,22 @@ SOURCES = {
     "magnetometer": magnetometer,
 }
 KMH, FEET = 3.6, 3.2808
-UNITS = {"odometer": KMH, "velocity": KMH, "body velocity": KMH, "barometer": FEET, "heading": np.radians(1.0), "magnetometer": 0.1}
-JUMPS = {"odometer": 2.0, "velocity": 2.0, "body velocity": 2.0, "barometer": 12.0, "heading": 0.5, "magnetometer": 8e-6}
+UNITS = {
+    "odometer": KMH,
+    "velocity": KMH,
+    "body velocity": KMH,
+    "barometer": FEET,
+    "heading": np.radians(1.0),
+    "magnetometer": 0.1,
+}
+JUMPS = {
+    "odometer": 2.0,
+    "velocity": 2.0,
+    "body velocity": 2.0,
+    "barometer": 12.0,
+    "heading": 0.5,
+    "magnetometer": 8e-6,
+}
 
 
 def since(rows, rng):

@@ -213,9 +213,11 @@ def clear_biases(c: Core) -> None:
 
 
 @kernel
-def clear_sensor_errors(c: Core) -> None:
+def clear_sensor_errors(c: Core, keep_gyro_biases: bool) -> None:
     """Set nominal biases and gyro_scale to zero."""
     for i in range(3):
-        c.nav.bg[i] = c.nav.ba[i] = 0.0
+        c.nav.ba[i] = 0.0
+        if not keep_gyro_biases:
+            c.nav.bg[i] = 0.0
     for k in range(9):
         c.nav.gyro_scale[k] = 0.0

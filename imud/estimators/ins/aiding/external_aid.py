@@ -40,5 +40,5 @@ def others_of_error(dt: float, correlation_s: float) -> float:
 
 @kernel
 def distrust_velocities(c: Core) -> None:
-    """The estimate was wrong that external velocities have agreed with: they have to agree anew before they are used."""
+    """The estimate with which external velocities have agreed may be wrong: they have to agree anew to be used."""
     c.external_velocity.used_share = c.body_velocity.used_share = 0.0

@@ -152,12 +152,12 @@ def external_velocity_jacobian(p: Parameters, c: Core, m: Measurement, i: int) -
 def check_share(p: Parameters, c: Core, g: ExternalAid, agrees: bool, dt: float) -> bool:
     """Whether enough of the velocities have agreed lately, this one included. dt: since the last, s.
 
-    Beside a receiver no single one decides: of a sensor that comes, or comes again, they have to agree for some seconds.
+    Beside a receiver no single one decides: those of a sensor that comes, or is back, have to agree for some seconds.
     """
     beside = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.external_velocity_share_s
     most = p.tuning.external_velocity_correlation_s if beside else dt
-    gain = min(min(dt, most) / p.tuning.external_velocity_share_s, 1.0)
-    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * gain
+    gain = min(dt, most) / p.tuning.external_velocity_share_s
+    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * min(gain, 1.0)
     return bool(g.used_share >= p.tuning.external_velocity_min_share)
 
 

@@ -31,6 +31,7 @@ from ..glr_tests.time_offset_step import reset_time_offset_step
 from ..integrity.alternating_receiver import count_height, reject_share, share_of_few
 from ..integrity.reset_inflation import inflate_position_to
 from ..state import COARSE_ALIGNMENT, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
+from .external_aid import distrust_velocities
 from .gnss_reset import (
     allow_for_wrong_velocity,
     bias_free_innovation,
@@ -41,7 +42,6 @@ from .gnss_reset import (
     lose_attitude,
     reset_to_gnss,
 )
-from .external_aid import distrust_velocities
 from .heading_contradiction import count_reset
 from .position_divergence import estimate_diverges, measure_divergence
 from .wheel_check import wheels_reject, wheels_support

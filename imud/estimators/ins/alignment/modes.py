@@ -75,26 +75,23 @@ TUNABLES = (
 )
 EVENTS = 5
 HEADING_KNOWN, HEADING_LOST, ATTITUDE_LOST, HEADING_WRONG, GIVEN_HEADING_WRONG = range(EVENTS)
-SET_HEADING, TO_IMU, TO_ANTENNA, RESET_HEADING, RESET_TILT, RESET_ERRORS, KEEP_GYRO_BIASES = (
-    1, 2, 4, 8, 16, 32, 64,
-)  # fmt: skip, what is done
+SET_HEADING, TO_IMU, TO_ANTENNA, RESET_HEADING, RESET_TILT, RESET_ERRORS = 1, 2, 4, 8, 16, 32  # what is done
+KEEP_GYRO_BIASES = 64  # with RESET_ERRORS
+RESET_WITH_GIVEN = RESET_HEADING | RESET_TILT | RESET_ERRORS | KEEP_GYRO_BIASES
 TRANSITIONS = {  # mode: for each event the mode afterwards, and what is done
     COARSE_ALIGNMENT: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING | TO_IMU),
         HEADING_LOST: (COARSE_ALIGNMENT, RESET_HEADING),
         ATTITUDE_LOST: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT),
         HEADING_WRONG: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT | RESET_ERRORS),
-        GIVEN_HEADING_WRONG: (COARSE_ALIGNMENT, RESET_HEADING | RESET_TILT | RESET_ERRORS | KEEP_GYRO_BIASES),
+        GIVEN_HEADING_WRONG: (COARSE_ALIGNMENT, RESET_WITH_GIVEN),
     },
     NAVIGATING: {
         HEADING_KNOWN: (NAVIGATING, SET_HEADING),
         HEADING_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING),
         ATTITUDE_LOST: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT),
         HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_HEADING | RESET_TILT | RESET_ERRORS),
-        GIVEN_HEADING_WRONG: (
-            COARSE_ALIGNMENT,
-            TO_ANTENNA | RESET_HEADING | RESET_TILT | RESET_ERRORS | KEEP_GYRO_BIASES,
-        ),
+        GIVEN_HEADING_WRONG: (COARSE_ALIGNMENT, TO_ANTENNA | RESET_WITH_GIVEN),
     },
 }
 NEXT_MODE, ACTIONS = np.array([TRANSITIONS[mode][event] for mode in TRANSITIONS for event in range(EVENTS)]).T.copy()
@@ -174,12 +171,10 @@ def reset_sensor_errors(p: Parameters, c: Core, keep_gyro_biases: bool) -> None:
     keep_gyro_biases: a heading that was given is wrong. By how much is not known; at most it has moved them by what a
     heading does that is the wrong way round, whose velocities differ by two times themselves.
     """
-    g = (c.nav.bg[0], c.nav.bg[1], c.nav.bg[2])
-    clear_sensor_errors(c)
+    clear_sensor_errors(c, keep_gyro_biases)
     for i in range(3):
         known = p.gyro_bias_sigma**2
         if keep_gyro_biases:
-            c.nav.bg[i] = g[i]
             known = min(known, variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2)
         decorrelate(c, GYRO_BIAS + i, known)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)

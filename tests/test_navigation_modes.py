@@ -8,8 +8,16 @@ import pytest
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins import ESTIMATOR
-from imud.estimators.ins.alignment.modes import ATTITUDE_LOST, EVENTS, HEADING_KNOWN, TRANSITIONS, change_mode
-from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, STATES
+from imud.estimators.ins.alignment.modes import (
+    ATTITUDE_LOST,
+    EVENTS,
+    GIVEN_HEADING_WRONG,
+    HEADING_KNOWN,
+    HEADING_WRONG,
+    TRANSITIONS,
+    change_mode,
+)
+from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, COMPASS_FAULT, GYRO_BIAS, NAVIGATING, STATES
 from imud.math.kalman import packed_index, unpack
 
 SIGMA = 0.1  # of the heading that is known
@@ -47,6 +55,18 @@ def test_an_event_leads_to_the_mode_of_the_table_and_what_it_ends_is_unknown(par
     )
     assert P[ATTITUDE + 2, ATTITUDE + 2] == pytest.approx(SIGMA**2 if event == HEADING_KNOWN else math.pi**2)
     assert P[ATTITUDE, ATTITUDE] == pytest.approx(p.tuning.lost_tilt**2 if event >= ATTITUDE_LOST else VARIANCE)
-    cleared = event > ATTITUDE_LOST
-    assert c.nav.bg[0] == (0.0 if cleared else 1e-3)
-    assert P[GYRO_BIAS, GYRO_BIAS] == pytest.approx(p.gyro_bias_sigma**2 if cleared else VARIANCE)
+    assert c.nav.bg[0] == (0.0 if event == HEADING_WRONG else 1e-3)
+    unknown = event in (HEADING_WRONG, GIVEN_HEADING_WRONG)  # no less than VARIANCE is known before the first sample
+    assert P[GYRO_BIAS, GYRO_BIAS] == pytest.approx(p.gyro_bias_sigma**2 if unknown else VARIANCE)
+
+
+def test_a_given_heading_that_is_wrong_costs_of_the_gyro_biases_what_it_may_have_done_to_them(parameters, core):
+    """At most two times what a radian does; no more than was known before the first sample."""
+    p, c = record(parameters), core
+    for i, sensitivity in enumerate((0.0, 1e-3, 1.0)):  # rad/s per rad
+        c.faults.sensitivity[GYRO_BIAS + i, COMPASS_FAULT] = sensitivity
+        c.cov.P[interpreted(packed_index)(STATES, GYRO_BIAS + i, GYRO_BIAS + i)] = 1e-6
+    interpreted(change_mode)(p, c, GIVEN_HEADING_WRONG)
+    P = np.diag(unpack(c.cov.P, STATES))[GYRO_BIAS : GYRO_BIAS + 3]
+    assert pytest.approx((1e-6, 5e-6, p.gyro_bias_sigma**2)) == P
+    assert (c.nav.bg == 1e-3).all()

@@ -163,15 +163,15 @@ def check_share(p: Parameters, c: Core, g: ExternalAid, agrees: bool, dt: float)
 
 @kernel
 def is_reversed(p: Parameters, g: ExternalAid, i: int, measured: float, predicted: float, s: float, dt: float) -> bool:
-    """Whether component i changes otherwise than the estimate, as that of a reversed axis: by regression.
+    """Whether component i changes otherwise than the estimate, as that of a reversed axis: by weighted regression.
 
     s: variance of the measured less the predicted component; dt: since the last, s.
     """
     keep = max(1.0 - dt / p.tuning.external_velocity_memory_s, 0.0)
     together = 1.0 + others_of_error(dt, p.tuning.external_velocity_correlation_s)
-    g.shown[i] = keep * g.shown[i] + measured * predicted
-    g.expected[i] = keep * g.expected[i] + predicted * predicted
-    g.shown_noise[i] = keep * g.shown_noise[i] + together * s * predicted * predicted
+    g.shown[i] = keep * g.shown[i] + measured * predicted / s
+    g.expected[i] = keep * g.expected[i] + predicted * predicted / s
+    g.shown_noise[i] = keep * g.shown_noise[i] + together * predicted * predicted / s
     return g.shown[i] < p.tuning.min_velocity_ratio * g.expected[i] - 3.0 * math.sqrt(g.shown_noise[i])
 
 

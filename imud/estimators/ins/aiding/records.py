@@ -98,9 +98,9 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
         ("agreeing_ns", "<i8"),  # since when they have agreed again
         ("yaw_ns", "<i8"),  # epoch of the last pose with a yaw
         ("used_share", "<f8"),  # of the velocities that passed the gate lately
-        ("shown", "<f8", (3,)),  # m^2/s^2, of a velocity: sum of the products of measured and predicted component
+        ("shown", "<f8", (3,)),  # of a velocity: sum of the products of measured and predicted component, over variance
         ("expected", "<f8", (3,)),  # of the predicted one's square
-        ("shown_noise", "<f8", (3,)),  # m^4/s^4, variance of `shown`
+        ("shown_noise", "<f8", (3,)),  # variance of `shown`
         ("offset_variance", "<f8", (3,)),  # m^2, of a pose: of a lasting error, NED, by its distance when it returned
         ("last_value", "<f8", (4,)),  # its values; NaN before the first
     ],

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from fault_matrix import judged, scene
+from fault_matrix import settings_of as fault_matrix_settings
 from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter, replay
@@ -12,7 +14,7 @@ from vehicle_simulation import vehicle
 
 from imud.configuration.settings import Aiding, Initial, Navigation, Settings
 from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, HEADING_BORESIGHT, NEVER_NS, VELOCITY
-from imud.estimators.records import HEADING_VALID
+from imud.estimators.records import HEADING, HEADING_VALID
 
 D = Later(drive, 90.0)  # it rests for 10 s
 SIGMA = np.radians(0.5)
@@ -224,3 +226,24 @@ def yaw_error(d, out):
     q = Rotation.from_quat(out["q_nb"], scalar_first=True)
     e = q.as_euler("ZYX")[:, 0] - d.attitude.as_euler("ZYX")[: len(out), 0]
     return (e + np.pi) % (2.0 * np.pi) - np.pi, out["sigma_rpy"][:, 2]
+
+
+@pytest.mark.parametrize(("where", "deg"), [("city", 20.0), ("boat", -25.0), ("drone", 20.0)])
+def test_a_compass_that_is_turned_under_way_is_used_again_with_another_boresight(where, deg):
+    """The fixes show the heading meanwhile. At the end, without fixes, the yaw is as good as with a right compass."""
+    d, samples, fixes = scene(61, where)
+    rms = []
+    for turned in (0.0, deg):
+        rows = headings(d, np.random.default_rng(61), sigma=np.radians(0.5))
+        rows["value"][rows["t_ns"] > 150e9, 0] += np.radians(turned)
+        filter_ = new_filter("navigation", samples, fault_matrix_settings(None, where))
+        out, innovations = replay(filter_, samples, fixes, rows)
+        found, core = judged(d, out), filter_.state["core"][0, 0]
+        rms.append(found.rms["yaw"])
+        assert found.sure_s == 0.0, found.worst
+    of_compass = innovations[innovations["kind"] == HEADING]
+    assert not of_compass["used"][(of_compass["t_ns"] > 151e9) & (of_compass["t_ns"] < 160e9)].any()
+    assert of_compass["used"][of_compass["t_ns"] > 170e9].mean() > 0.98
+    boresight = np.degrees(core["heading_aid"]["boresight"])
+    assert abs(boresight - deg) < 4.0 * np.degrees(sigma_of_boresight(core)) + 0.5
+    assert rms[1] < 1.3 * rms[0] + 0.3

@@ -59,7 +59,7 @@ def turned(where, rpy_deg, seed=SEED, compass=None, knock_deg=0.0, **aiding):
 def once_trusted(innovations):
     """Whether each was used, after the first seconds, in which all have to agree before any is used."""
     t_s = 1e-9 * (innovations["t_ns"] - innovations["t_ns"][0])
-    assert not innovations["used"][t_s < 5.0].any()
+    assert not innovations["used"][t_s < 3.5].any()
     return innovations["used"][t_s > 8.0]
 
 

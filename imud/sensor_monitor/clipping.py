@@ -65,13 +65,24 @@ def new_clipping(rate_hz: float) -> Any:
 
 
 @kernel
-def is_clipped(c: Clipping, i: int, value: float, step: float, bend: float, noise: float, lsbs: float) -> bool:
+def at_range_end(c: Clipping, i: int, size: float, side: int) -> bool:
+    """Whether a reading of this size and sign is at the end of a learned range, or in a single plateau."""
+    return bool(size >= c.range[i, side] or (c.single[i] == 1 and c.flat[i] < c.single_samples))
+
+
+@kernel
+def is_clipped(
+    c: Clipping, i: int, value: float, step: float, bend: float, noise: float, lsbs: float, repeated: bool
+) -> bool:
     """Whether the reading `value` of axis i is at the end of a learned range.
 
     step, bend: its difference from the one before, and that difference's own; noise: the largest mean |bend| that its
     noise may have, 0: not known; lsbs: the least, in resolutions, 0: so small that it may repeat readings.
+    repeated: the whole sample repeats the one before, as of a sensor that is polled faster than it measures.
     """
     size, side = abs(value), 1 if value > 0.0 else 0
+    if repeated:
+        return at_range_end(c, i, size, side)
     rise = step if value > 0.0 else -step
     if size - rise <= c.floor[i]:  # the reading before was not examined: the rise begins here
         c.steep[i], c.rising[i], c.flat[i], c.single[i] = 0.0, 0, 0, 0
@@ -98,4 +109,4 @@ def is_clipped(c: Clipping, i: int, value: float, step: float, bend: float, nois
     c.largest[i, side] = max(c.largest[i, side], sustained)
     if sustained > BEYOND * c.range[i, side] or c.smooth[i] == NOISY:
         c.range[i, side], c.plateau[i, side], c.single[i] = math.inf, 0.0, 0
-    return bool(size >= c.range[i, side] or (c.single[i] == 1 and c.flat[i] < c.single_samples))
+    return at_range_end(c, i, size, side)

@@ -339,7 +339,7 @@ def check_axis(h: Health, i: int, t_ns: int) -> int:
         step, bend, noise = h.difference[i], h.second_difference[i], h.noise[i]
         noise = noise if h.resolution[i] <= noise < math.inf else 0.0
         lsbs = noise / h.resolution[i] if h.noise_is_pure[i] == 1 and is_fine(h, i) else 0.0
-        if is_clipped(h.clipping, i, h.value[i], step, bend, noise, lsbs):
+        if is_clipped(h.clipping, i, h.value[i], step, bend, noise, lsbs, h.whole_repeats > 0):
             h.block_invalid[i] = 1
             return 1 << (LIMITED + i)
     return 1 << (FROZEN + i) if repeats_itself(h, i, t_ns) else 0

@@ -11,6 +11,7 @@ the slope is the one before them.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from imud.drivers.sample import LIMITED_AXES
@@ -49,6 +50,14 @@ def add_cut_off_variance(p: Parameters, s: State, i: int, variance: float) -> No
 
 
 @kernel
+def least_return_slope(p: Parameters, slope: float, dt: float) -> float:
+    """Least slope, rad/s^2, of a rate that comes back into a range that it left with `slope`: more than noise has."""
+    return max(
+        p.tuning.clipping_return_slope * slope, p.tuning.clipping_return_sigmas * math.sqrt(2.0 * p.gyro_psd / dt) / dt
+    )
+
+
+@kernel
 def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: int) -> Vector:
     """Rates w of the sample with what the samples before lack, and noise for it; by the axes of the sensor."""
     clip = s.clipping
@@ -67,7 +76,7 @@ def compensate_clipping(p: Parameters, s: State, w: Vector, dt: float, flags: in
             add_cut_off_variance(p, s, i, after - before)
             clip.missing_angle += 2.0 * cut_off_angle(clip.slope[i], abs(rate), clip.time[i])
         else:
-            if time > 0.0 and slope > p.tuning.clipping_return_slope * clip.slope[i]:  # else it had not been there
+            if time > 0.0 and slope > least_return_slope(p, clip.slope[i], dt):  # else it had not been there
                 angle = cut_off_angle(0.5 * (clip.slope[i] + slope), abs(last), time)
                 clip.w[i] += (angle if last > 0.0 else -angle) / dt
                 before = cut_off_variance(p, clip.slope[i], abs(last), time, dt)

@@ -101,6 +101,13 @@ _OUTAGES = (
         "Least slope of a rate that was beyond the range when it comes back, over that with which it went there.",
         HANDS,
     ),
+    Tunable(
+        "clipping_return_sigmas",
+        4.0,
+        "sigma",
+        "The same over that of the noise of the difference of two rates.",
+        "Choice.",
+    ),
     Tunable("flat_step", 0.005, "", "Largest flat step, as a share of the rate.", "As in `sensor_monitor.clipping`."),
     Tunable("saturation_noise", 0.2, "sqrt(s)", "Noise density of a saturated sensor, over its reading.", UNRECORDED),
 )

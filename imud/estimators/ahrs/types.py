@@ -27,6 +27,7 @@ class Tuning:
     clipping_error: float
     clipping_slope_kept: float
     clipping_return_slope: float
+    clipping_return_sigmas: float
     flat_step: float
     saturation_noise: float
     initial_tilt_rad: float

@@ -155,9 +155,8 @@ def check_share(p: Parameters, c: Core, g: ExternalAid, agrees: bool, dt: float)
     Beside a receiver no single one decides: those of a sensor that comes, or is back, have to agree for some seconds.
     """
     beside = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns) < p.tuning.external_velocity_share_s
-    most = p.tuning.external_velocity_correlation_s if beside else dt
-    gain = min(dt, most) / p.tuning.external_velocity_share_s
-    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * min(gain, 1.0)
+    most = 0.5 * p.tuning.external_velocity_min_share if beside else 1.0
+    g.used_share += ((1.0 if agrees else 0.0) - g.used_share) * min(dt / p.tuning.external_velocity_share_s, most)
     return bool(g.used_share >= p.tuning.external_velocity_min_share)
 
 

@@ -31,7 +31,6 @@ from ..glr_tests.time_offset_step import reset_time_offset_step
 from ..integrity.alternating_receiver import count_height, reject_share, share_of_few
 from ..integrity.reset_inflation import inflate_position_to
 from ..state import COARSE_ALIGNMENT, HORIZONTAL, NAVIGATING, POSITION, TIME_OFFSET, VELOCITY, VERTICAL
-from .external_aid import distrust_velocities
 from .gnss_reset import (
     allow_for_wrong_velocity,
     bias_free_innovation,
@@ -117,13 +116,6 @@ def reports_velocity(p: Parameters, fix: Fix) -> bool:
     """Whether the receiver reports a velocity, or a speed with a direction or too low for one."""
     directed = math.isfinite(fix.course) or fix.speed < p.tuning.min_course_speed
     return bool(math.isfinite(fix.v[0]) or (math.isfinite(fix.speed) and directed))
-
-
-@kernel
-def velocity_is_measured(p: Parameters, c: Core, fix: Fix) -> bool:
-    """Whether rest, wheels or the receiver's velocity agree with the estimated velocity."""
-    agrees = c.integrity.velocity_reject_count == 0 and c.drift.detected != BY_WHEELS
-    return bool(not estimate_may_be_wrong(p, c) or (reports_velocity(p, fix) and agrees))
 
 
 @kernel
@@ -334,8 +326,6 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
         for i in range(2):
             g.first_offset[i] = bias_free_innovation(c, i)
     supported = velocity_is_supported(p, c, fix)
-    if g.reject_count[HORIZONTAL] > p.tuning.outlier_count and not velocity_is_measured(p, c, fix):
-        distrust_velocities(c)
     consistent_s = consistent_for(p, c, supported)
     measure_divergence(p, c)
     diverges = estimate_diverges(p, c) and not supported

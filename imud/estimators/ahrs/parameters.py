@@ -105,7 +105,7 @@ _OUTAGES = (
         "clipping_return_sigmas",
         4.0,
         "sigma",
-        "The same over that of the noise of the difference of two rates.",
+        "Least step of a rate that comes back into the range, in sigmas of the noise of a difference of two rates.",
         "Choice.",
     ),
     Tunable("flat_step", 0.005, "", "Largest flat step, as a share of the rate.", "As in `sensor_monitor.clipping`."),

@@ -214,7 +214,7 @@ def clear_biases(c: Core) -> None:
 
 @kernel
 def clear_sensor_errors(c: Core, keep_gyro_biases: bool) -> None:
-    """Set nominal biases and gyro_scale to zero."""
+    """Set nominal biases, of the gyros unless they are kept, and gyro_scale to zero."""
     for i in range(3):
         c.nav.ba[i] = 0.0
         if not keep_gyro_biases:

@@ -128,7 +128,7 @@ def contradicts_itself(p: Parameters, c: Core, m: Measurement) -> bool:
 
 @kernel
 def has_turned(p: Parameters, c: Core, t_ns: int, used: bool) -> bool:
-    """Whether a compass has been rejected for so long, while fixes have shown the heading, that it is off anew."""
+    """Whether a compass has been rejected for `heading_reject_s` while fixes have shown the heading: it is off anew."""
     g = c.heading_aid
     no_fix_s = 1e-9 * (t_ns - c.gnss.last_used_ns)
     otherwise = used or g.distrusted != 0 or is_unconfirmed(c) or no_fix_s > p.tuning.coasting_s

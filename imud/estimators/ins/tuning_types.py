@@ -231,6 +231,7 @@ class Tuning:
     heading_horizon_s: float
     moving_tilt: float
     min_heading_sigma: float
+    kept_gyro_bias_sigma: float
     lost_tilt: float
     fixed_gravity_windows: int
     fixed_gravity_magnitude: float

@@ -70,6 +70,13 @@ TUNABLES = (
         "Linearization errors of alignment.",
     ),
     Tunable(
+        "kept_gyro_bias_sigma",
+        math.radians(0.2),
+        "rad/s",
+        "Least sigma of a gyro bias that is kept where a heading that was given is wrong.",
+        "Simulated helicopters: the tilt, which has to be found anew in motion, is not sure too soon.",
+    ),
+    Tunable(
         "lost_tilt", math.radians(20.0), "rad", "Tilt sigma from which the alignment starts again.", "Linearization."
     ),
 )
@@ -175,7 +182,8 @@ def reset_sensor_errors(p: Parameters, c: Core, keep_gyro_biases: bool) -> None:
     for i in range(3):
         known = p.gyro_bias_sigma**2
         if keep_gyro_biases:
-            known = min(known, variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2)
+            moved = variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2
+            known = min(known, max(moved, p.tuning.kept_gyro_bias_sigma**2))
         decorrelate(c, GYRO_BIAS + i, known)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
     reset_gyro_scale(p, c)

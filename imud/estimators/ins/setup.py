@@ -127,8 +127,6 @@ def _begin_records(c: np.void, t: np.void) -> None:
     c["nhc"]["noise_scale"] = math.sqrt(t["nhc_min_noise_scale"] * t["nhc_max_noise_scale"])
     c["odometer"]["resolution"] = np.inf
     c["odometer"]["used_share"] = t["odometer_min_used_share"]
-    for name in ("external_velocity", "body_velocity"):
-        c[name]["used_share"] = 0.0
     for name in ("pose", "external_velocity", "body_velocity"):
         c[name]["last_value"] = math.nan
     psd = np.array((t["vibration_vrw"], t["vibration_arw"])) ** 2

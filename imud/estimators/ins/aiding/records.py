@@ -97,7 +97,7 @@ EXTERNAL_AID = np.dtype(  # an external pose, or velocity
         ("distrusted", "<i8"),  # 1: the motion has contradicted a heading while the yaws of poses were used
         ("agreeing_ns", "<i8"),  # since when they have agreed again
         ("yaw_ns", "<i8"),  # epoch of the last pose with a yaw
-        ("used_share", "<f8"),  # of the velocities that passed the gate lately
+        ("used_share", "<f8"),  # of the velocities that have agreed with the estimate lately
         ("shown", "<f8", (3,)),  # of a velocity: sum of the products of measured and predicted component, over variance
         ("expected", "<f8", (3,)),  # of the predicted one's square
         ("shown_noise", "<f8", (3,)),  # variance of `shown`

@@ -8,6 +8,7 @@ from navigation_runner import navigate, settings_of
 from navigation_simulation import Later, drive, errors, received, sensed
 from replay_in_process import new_filter, replay
 from scipy.spatial.transform import Rotation
+from simulated_errors import part
 from test_navigation_aiding import estimated, headings
 from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
@@ -187,12 +188,14 @@ def test_a_heading_that_its_own_compass_contradicts_before_any_motion_is_given_u
     assert core["heading_aid"]["distrusted"] and not out["status"][-1] & HEADING_VALID
 
 
-def started_with(kind, seed, off_deg):
-    """(a simulated vehicle, the solutions of a filter that was given its yaw, wrong by off_deg)."""
-    d, rng = vehicle(kind, seed), np.random.default_rng(1000 + seed)
-    samples = sensed(d, rng, bg=rng.normal(0.0, 2e-3, 3), ba=rng.normal(0.0, 0.03, 3))
+def started_with(kind, seed, off_deg, from_s=0.0):
+    """(a simulated vehicle, the solutions of a filter that was given its yaw, wrong by off_deg), both from then on."""
+    d, rng, first = vehicle(kind, seed), np.random.default_rng(1000 + seed), int(from_s * RATE)
+    samples = sensed(d, rng, bg=rng.normal(0.0, 2e-3, 3), ba=rng.normal(0.0, 0.03, 3))[first:]
     fixes = received(d, rng, every=0.2)
-    given = Initial(yaw_deg=float(np.degrees(d.attitude[0].as_euler("ZYX")[0])) + off_deg)
+    fixes = fixes[fixes["t_ns"] >= samples["t_ns"][0]]
+    given = Initial(yaw_deg=float(np.degrees(d.attitude[first].as_euler("ZYX")[0])) + off_deg)
+    d = part(d, slice(first, None))
     return d, navigate(samples, fixes, settings_of(profile="consumer-mems"), given)[0]
 
 
@@ -219,6 +222,19 @@ def test_a_wrong_yaw_that_the_user_gives_is_found_when_the_vehicle_moves(kind, o
         last = slice(-10 * RATE, None)
         assert np.all(out["status"][last] & HEADING_VALID) and np.all(np.abs(e[last]) < np.radians(5.0))
         assert np.all(np.hypot(*errors(d, out)[0][last, :2].T) < 10.0)
+
+
+@pytest.mark.parametrize(("kind", "seed", "off_deg"), [("motorway", 1, 90.0), ("motorway", 3, 130.0)])
+def test_biases_and_noise_that_a_wrong_yaw_has_made_end_with_it(kind, seed, off_deg):
+    """Started at speed, when neither tilt nor biases are known: all but the heading was explained by them for good."""
+    d, out = started_with(kind, seed, off_deg, from_s=20.0)
+    e, sigma = yaw_error(d, out)
+    valid = out["status"] & HEADING_VALID != 0
+    tilt = np.hypot(*errors(d, out)[2][:, :2].T)
+    tilt_is_sure = tilt > np.maximum(4.0 * out["sigma_rpy"][:, :2].max(axis=1), np.radians(2.0))
+    assert tilt_is_sure.sum() < 10.0 * RATE
+    assert (valid & (np.abs(e) > np.maximum(4.0 * sigma, np.radians(5.0)))).sum() < 25.0 * RATE
+    assert (valid & (np.abs(e) < np.radians(5.0))).sum() > 45.0 * RATE
 
 
 def yaw_error(d, out):

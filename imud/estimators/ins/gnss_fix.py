@@ -29,6 +29,7 @@ from .alignment.velocity_pairs import restart_in_motion_alignment
 from .ekf import add_variance, variance
 from .fusion import correct_state, write_innovation
 from .glr_tests.compass_offset import (
+    biases_contradict_heading,
     correct_compass_offset,
     estimate_wide_boresight,
     explained_by_compass_offset,
@@ -138,7 +139,8 @@ def check_given_heading(p: Parameters, c: Core) -> bool:
         return True
     offset = find_compass_offset(p, c) if c.alignment.mode == NAVIGATING else 0.0
     if offset == 0.0:
-        return c.alignment.mode != NAVIGATING or not fixes_contradict_heading(p, c)
+        wrong = fixes_contradict_heading(p, c) or biases_contradict_heading(p, c)
+        return c.alignment.mode != NAVIGATING or not wrong
     if not correct_compass_offset(p, c, offset):
         return False
     correct_state(p, c)

@@ -213,11 +213,15 @@ def clear_biases(c: Core) -> None:
 
 
 @kernel
-def clear_sensor_errors(c: Core, keep_gyro_biases: bool) -> None:
-    """Set nominal biases, of the gyros unless they are kept, and gyro_scale to zero."""
+def clear_gyro_bias(c: Core, i: int) -> None:
+    """Set the nominal gyro bias of body axis i to zero."""
+    c.nav.bg[i] = 0.0
+
+
+@kernel
+def clear_sensor_errors(c: Core) -> None:
+    """Set nominal accelerometer biases and gyro_scale to zero."""
     for i in range(3):
         c.nav.ba[i] = 0.0
-        if not keep_gyro_biases:
-            c.nav.bg[i] = 0.0
     for k in range(9):
         c.nav.gyro_scale[k] = 0.0

@@ -44,6 +44,7 @@ from ...math.kalman import packed_index
 from ...math.lanes import measure, shear, shear3, subtract_update
 from ..tuning import Tunable
 from .ekf import add_variance, covariance, exponential
+from .glr_tests.compass_offset import is_unconfirmed
 from .state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -125,6 +126,13 @@ TUNABLES = (
         "max_velocity_noise", 1.0, "(m/s)/sqrt(s)", "Largest velocity process noise that is learned.", "A multicopter."
     ),
     Tunable(
+        "unconfirmed_velocity_noise",
+        0.15,
+        "(m/s)/sqrt(s)",
+        "The same while motion has not confirmed a given heading: what a wrong one does looks like noise.",
+        "Simulated vehicles: less costs multicopters their heading.",
+    ),
+    Tunable(
         "min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least velocity process noise that is learned.", "A smooth car."
     ),
     Tunable(
@@ -152,9 +160,22 @@ def set_psd(p: Parameters, c: Core) -> None:
         least, most, scale = t.min_velocity_noise, t.max_velocity_noise, t.velocity_noise_scale
         if k == 1:
             least, most, scale = t.min_attitude_noise, t.max_attitude_noise, t.attitude_noise_scale
+        elif is_unconfirmed(c):
+            most = t.unconfirmed_velocity_noise
         q = min(max(elementary.exp(g.log_psd[k]) - scale * scale, least * least), most * most)
         g.log_psd[k] = elementary.log(q + scale * scale)
         g.psd[k] = q
+
+
+@kernel
+def reset_process_noise(p: Parameters, c: Core) -> None:
+    """The noise was learned with an attitude that is wrong: as before the first sample."""
+    g, t = c.process_noise, p.tuning
+    g.log_psd[0] = elementary.log(t.vibration_vrw**2 + t.velocity_noise_scale**2)
+    g.log_psd[1] = elementary.log(t.vibration_arw**2 + t.attitude_noise_scale**2)
+    g.log_psd_covariance[0] = g.log_psd_covariance[2] = t.process_noise_prior**2
+    g.log_psd_covariance[1] = 0.0
+    set_psd(p, c)
 
 
 @kernel

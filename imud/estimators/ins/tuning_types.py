@@ -397,6 +397,7 @@ class Tuning:
     velocity_noise_scale: float
     attitude_noise_scale: float
     max_velocity_noise: float
+    unconfirmed_velocity_noise: float
     min_velocity_noise: float
     max_attitude_noise: float
     min_attitude_noise: float

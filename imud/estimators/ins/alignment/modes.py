@@ -10,7 +10,9 @@
 | any                 | HEADING_WRONG | COARSE_ALIGNMENT | as ATTITUDE_LOST; sensor errors are cleared, because they were learned with it |
 | any                 | GIVEN_HEADING_WRONG | COARSE_ALIGNMENT | the same, but for the gyro biases: what the heading has done to them is added to P |
 
-Every event also resets the tests of drift and of steps; HEADING_KNOWN clears the learned process noise and the pairs.
+Every event also resets the tests of drift and of steps; HEADING_KNOWN clears what learns the process noise, and the
+pairs. Sensor errors are the biases, gyro_scale and the learned process noise; the lever arm is forgotten with them. A
+velocity's boresight is forgotten with every event that leads to COARSE_ALIGNMENT.
 The filter begins in COARSE_ALIGNMENT.
 """  # noqa: E501 a table's row is one line
 
@@ -41,8 +43,8 @@ from ..lever_arm import (
     attitude_row,
     gyro_bias_row,
 )
-from ..mechanization import clear_sensor_errors, displace, set_attitude, set_velocity
-from ..process_noise import clear_learning
+from ..mechanization import clear_gyro_bias, clear_sensor_errors, displace, set_attitude, set_velocity
+from ..process_noise import clear_learning, reset_process_noise
 from ..state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -173,20 +175,24 @@ def reset_tilt(p: Parameters, c: Core) -> None:
 
 @kernel
 def reset_sensor_errors(p: Parameters, c: Core, keep_gyro_biases: bool) -> None:
-    """Biases and gyro_scale as before the first sample.
+    """Biases, gyro_scale and the process noise as before the first sample.
 
     keep_gyro_biases: a heading that was given is wrong. By how much is not known; at most it has moved them by what a
-    heading does that is the wrong way round, whose velocities differ by two times themselves.
+    heading does that is the wrong way round, whose velocities differ by two times themselves. Those of which less is
+    known than before the first sample are not kept.
     """
-    clear_sensor_errors(c, keep_gyro_biases)
+    clear_sensor_errors(c)
     for i in range(3):
-        known = p.gyro_bias_sigma**2
-        if keep_gyro_biases:
-            moved = variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2
-            known = min(known, max(moved, p.tuning.kept_gyro_bias_sigma**2))
-        decorrelate(c, GYRO_BIAS + i, known)
+        prior = p.gyro_bias_sigma**2
+        moved = variance(c, GYRO_BIAS + i) + (2.0 * sensitivity_to_compass(c, GYRO_BIAS + i)) ** 2
+        if keep_gyro_biases and moved < prior:
+            decorrelate(c, GYRO_BIAS + i, max(moved, p.tuning.kept_gyro_bias_sigma**2))
+        else:
+            clear_gyro_bias(c, i)
+            decorrelate(c, GYRO_BIAS + i, prior)
         decorrelate(c, ACCEL_BIAS + i, p.accel_bias_sigma**2)
     reset_gyro_scale(p, c)
+    reset_process_noise(p, c)
 
 
 @kernel

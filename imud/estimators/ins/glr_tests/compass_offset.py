@@ -5,8 +5,8 @@ offset d from the true ones, a fault of `fault_sensitivity`. Least squares over 
 `compass_offset_memory_s`, used or not, gives d. Its chi-square is divided by the mean square of the residuals where
 that is above 1. A heading is confirmed once d is known to be small, or, of a compass, its sigma and what d does to it,
 and the residuals as expected. Until then a contradiction is the heading's, not the receiver's: no drift or step of its
-time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`) or large residuals
-(`contradicted_residual`) end the heading.
+time tags is looked for, and few rejected velocities (`unconfirmed_velocity_rejects`), large residuals
+(`contradicted_residual`) or biases that no accelerometer has end the heading.
 
 When an offset is detected, the fault is removed. The effect of a large one is not linear, and that of an offset that
 varies, as near iron, is another: the heading then has to be found anew.
@@ -161,6 +161,17 @@ def fixes_contradict_heading(p: Parameters, c: Core) -> bool:
     """
     g = c.compass_offset
     return bool(is_measured(c) and g.energy > p.tuning.contradicted_residual * max(g.count, p.tuning.confirming_fixes))
+
+
+@kernel
+def biases_contradict_heading(p: Parameters, c: Core) -> bool:
+    """Whether a heading that motion has not confirmed has made biases of the accelerometers that no sensor has.
+
+    Velocities that a wrong heading does not explain are those of biases, to the filter: the innovations stay small.
+    """
+    ba = c.nav.ba
+    largest = max(abs(ba[0]), abs(ba[1]), abs(ba[2]))
+    return bool(is_unconfirmed(c) and largest > p.tuning.limit_sigmas * p.accel_bias_sigma)
 
 
 @kernel

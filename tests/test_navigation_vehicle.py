@@ -173,6 +173,16 @@ def test_steps_heave_and_wheels_do_not(millimetres, hertz, heaves):
     assert land_evidence.refutes_land_vehicle(p[0], c) == heaves
 
 
+@pytest.mark.parametrize("gap_s", [3.0, 60.0])
+def test_a_gap_between_updates_is_no_heave(gap_s):
+    """The sensor was not read, or the constraint had to wait: what happened meanwhile is not known."""
+    p = configure(Settings(), 100.0)
+    c = start(p, Initial())["core"][0, 0]
+    for dt, vertical in (*[(0.1, 0.0)] * 50, (gap_s, 0.03), *[(0.1, 0.03)] * 50):
+        land_evidence.add_heave(p[0], c, vertical, 8.0, dt)
+    assert not land_evidence.heaves(c)
+
+
 def test_velocities_from_before_the_heading_was_known_rotate_with_it():
     """The axis found in a level frame of arbitrary heading, then turned to north, is that of one gathered in north."""
     k = np.arange(12)

@@ -215,8 +215,11 @@ def judge_evidence(p: Parameters, c: Core) -> None:
 
 @kernel
 def add_heave(p: Parameters, c: Core, vertical: float, speed: float, dt: float) -> None:
-    """Add the vertical velocity in the body, m/s, after another `dt` s, at a speed, m/s."""
+    """Add the vertical velocity in the body, m/s, after another `dt` s, at a speed, m/s; after a gap begin anew."""
     e, share = c.land_evidence, dt / p.tuning.heave_time_s
+    if share > 1.0:
+        e.leaky_height = e.mean_height = 0.0
+        return
     e.leaky_height += vertical * dt - share * e.leaky_height
     e.mean_height += share * (e.leaky_height - e.mean_height)
     most = p.tuning.max_heave + p.tuning.max_heave_time * speed

@@ -93,6 +93,16 @@ def test_a_drift_that_begins_where_fixes_are_missing_is_found(seed):
     assert sigmas[late].max() < 3.0
 
 
+def test_a_drifting_receiver_is_not_believed_as_soon_as_the_wheels_are_silent():
+    """Ten seconds after the last reading nothing but the estimate contradicts it; it has to stay with one velocity."""
+    d, samples, fixes, rows = stopping(1)
+    fixes = ramped(fixes, 60.0, heading_at(d, 60.0), speed=2.0)
+    rows = rows[rows["t_ns"] * 1e-9 - 100.0 < 80.0]
+    out, _ = estimated(samples, fixes, rows)
+    rejecting = (out["status"] & REJECTING) != 0
+    assert rejecting[(d.t > 75.0) & (d.t < 93.0)].all()
+
+
 @pytest.mark.parametrize(("vehicle", "seed"), [("motorway", 1300), ("bicycle", 1301), ("tractor", 1300)])
 def test_rounded_positions_of_centimetres_are_not_made_worse_by_wheels(vehicle, seed):
     """Positions of centimetres that are rounded to metres: wheels must not make them worse than they are."""

@@ -228,6 +228,32 @@ def state_rejection(p: Parameters, c: Core, supported: bool, outage_s: float, ni
 
 
 @kernel
+def count_rejection(c: Core, outage_s: float) -> None:
+    """Count a rejected position; the first one in a row begins what `consistent_for` and `is_lost` compare.
+
+    outage_s: s, since the last position that was used.
+    """
+    g = c.integrity
+    g.reject_count[HORIZONTAL] += 1
+    if g.reject_count[HORIZONTAL] == 1:
+        g.outage_at_reject_s = outage_s
+        for i in range(2):
+            g.first_offset[i] = bias_free_innovation(c, i)
+        compare_from_now(c)
+
+
+@kernel
+def compare_from_now(c: Core) -> None:
+    """From this rejected position on the following ones are compared with the velocity."""
+    g = c.integrity
+    g.inconsistent_count = 0
+    g.reject_start_ns[HORIZONTAL] = c.nav.t_ns
+    for i in range(2):
+        g.reject_offset[i] = bias_free_innovation(c, i)
+        g.reject_velocity[i] = c.nav.v_n[i]
+
+
+@kernel
 def clear_rejection(c: Core) -> None:
     """A position is used: no rejected one contradicts the estimate."""
     c.integrity.reject_count[HORIZONTAL] = 0
@@ -259,12 +285,8 @@ def consistent_for(p: Parameters, c: Core, supported: bool) -> float:
     g.inconsistent_count = g.inconsistent_count + 1 if far else 0
     if g.reject_count[HORIZONTAL] > 1 and 0 < g.inconsistent_count <= p.tuning.outlier_count:
         return 0.0
-    if g.reject_count[HORIZONTAL] == 1 or inconsistent:
-        g.inconsistent_count = 0
-        g.reject_start_ns[HORIZONTAL] = c.nav.t_ns
-        for i in range(2):
-            g.reject_offset[i] = bias_free_innovation(c, i)
-            g.reject_velocity[i] = c.nav.v_n[i]
+    if inconsistent:
+        compare_from_now(c)
         return 0.0
     return float(dt)
 
@@ -309,7 +331,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
     g = c.integrity
     outage_s = 1e-9 * (c.nav.t_ns - c.gnss.last_used_ns)
     if wheels_reject(p, c) and is_as_far_as_a_drift(p, c, p.tuning.reset_s):
-        g.reject_count[HORIZONTAL] += 1
+        count_rejection(c, outage_s)
         return False
     if nis < (p.tuning.gnss_return_gate if c.drift.detected else p.tuning.gnss_position_gate):
         if g.reject_count[HORIZONTAL] > p.tuning.reset_count and outage_s > p.tuning.fresh_fix_s:
@@ -320,11 +342,7 @@ def gate_position(p: Parameters, c: Core, fix: Fix, nis: float) -> bool:
             reset_drift(c)
             inflate_after_outage(p, c, nis)
         return True
-    g.reject_count[HORIZONTAL] += 1
-    if g.reject_count[HORIZONTAL] == 1:
-        g.outage_at_reject_s = outage_s
-        for i in range(2):
-            g.first_offset[i] = bias_free_innovation(c, i)
+    count_rejection(c, outage_s)
     supported = velocity_is_supported(p, c, fix)
     consistent_s = consistent_for(p, c, supported)
     measure_divergence(p, c)

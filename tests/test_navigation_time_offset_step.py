@@ -9,7 +9,12 @@ from replay_in_process import new_filter, replay
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators.ins.glr_tests.fault_sensitivity import note_energy
-from imud.estimators.ins.glr_tests.time_offset_step import detect_time_offset_step
+from imud.estimators.ins.glr_tests.time_offset_step import (
+    detect_time_offset_step,
+    explained_by_time_offset_step,
+    reset_time_offset_step,
+    residual_of_time_offset_step,
+)
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, POSITION, TIME_OFFSET, TIME_STEP_FAULT, VELOCITY
@@ -114,6 +119,18 @@ def test_a_step_has_to_explain_more_than_another_cause(explained_otherwise, dete
     c.nav.t_ns, g.onset_ns = 400_000_000_000, 16_000_000_000
     g.information, g.vector, g.count, g.energy = 100.0, 100.0, 300, 400.0
     assert interpreted(detect_time_offset_step)(p, c, explained_otherwise) == detected
+
+
+def test_what_was_summed_before_an_estimate_began_anew_explains_nothing():
+    c = start(configure(Settings(), 100.0), Initial())["core"][0].view(np.recarray)[0]
+    g = c.time_offset_step
+    g.onset_ns, g.information, g.vector, g.count, g.energy = 16_000_000_000, 100.0, 100.0, 300, 900.0
+    assert interpreted(explained_by_time_offset_step)(c) == 100.0
+    assert interpreted(residual_of_time_offset_step)(c) > 2.0
+    interpreted(reset_time_offset_step)(c)
+    g.information = g.vector = 50.0  # of fixes since, before the next onset
+    assert interpreted(explained_by_time_offset_step)(c) == 0.0
+    assert interpreted(residual_of_time_offset_step)(c) == 0.0
 
 
 @pytest.mark.parametrize(("of_two", "detected"), [((392.0, 8.0), False), ((300.0, 100.0), True)])

@@ -71,8 +71,9 @@ def low_speed_variance(p: Parameters, fix: Fix) -> float:
 def velocity_variance(p: Parameters, c: Core, slow: float, ratio2: float, reported: float) -> float:
     """Variance, m^2/s^2, of a velocity component, but for what the acceleration adds.
 
-    slow: m/s, speed taken as zero; ratio2: variance over that of a horizontal component; reported: sigma
-    that the receiver reports of it, m/s, NaN or 0 if unknown: the larger one of it and the learned one counts.
+    slow: m/s, speed taken as zero: its square, twice `low_speed_variance`, since the direction stays the same for some
+    fixes (a hovering quad); ratio2: variance over that of a horizontal component; reported: sigma that the receiver
+    reports of it, m/s, NaN or 0 if unknown: the larger one of it and the learned one counts.
     """
     noise, second = ratio2 * c.gnss.velocity_noise_var, second_order_error(p, c)
     if reported > 0.0:

@@ -87,7 +87,7 @@ TUNABLES = (
         "nhc_retry_s",
         60.0,
         "s",
-        "Time before a disabled non-holonomic constraint is enabled again; each contradiction doubles it.",
+        "Half of the time before a disabled constraint is enabled again; each contradiction doubles it.",
         "Choice.",
     ),
     Tunable(

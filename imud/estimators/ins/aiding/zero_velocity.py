@@ -13,7 +13,7 @@ from ...records import REST_N, REST_X
 from ...tuning import Tunable
 from ..ekf import decorrelate, set_jacobian, variance
 from ..fusion import correct_state, pseudo_measurement
-from ..glr_tests.gnss_drift import clear_velocity_sensitivity
+from ..glr_tests.fault_sensitivity import clear_velocity_sensitivity
 from ..mechanization import set_velocity
 from ..rest import gnss_confirms_rest
 from ..state import GYRO_BIAS, NAVIGATING, OTHER_AXIS, VELOCITY

@@ -91,7 +91,8 @@ TUNABLES = (
 def open_compass_offset(c: Core, given: bool) -> None:
     """The heading is `given`, by the compass or the user; or the compass is used first beside a known one."""
     g = c.compass_offset
-    g.onset_ns, g.unconfirmed = c.nav.t_ns, 1 if given else 0
+    g.onset_ns = g.last_ns = c.nav.t_ns
+    g.unconfirmed = 1 if given else 0
     g.information = g.vector = g.energy = g.count = g.heading_variance = g.turn_variance = 0.0
     open_column(c, COMPASS_FAULT)
     set_sensitivity(c, ATTITUDE + 2, COMPASS_FAULT, 1.0 if given else 0.0)

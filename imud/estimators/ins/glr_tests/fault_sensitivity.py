@@ -49,6 +49,7 @@ from ..state import (
     ONSETS,
     POSITION_AXIS,
     STATES,
+    VELOCITY,
     VELOCITY_AXIS,
     VELOCITY_DRIFT_FAULT,
 )
@@ -81,6 +82,14 @@ def copy_column(c: Core, source: int, target: int) -> None:
 def set_sensitivity(c: Core, i: int, column: int, value: float) -> None:
     """V of error state i, of a fault that begins now."""
     c.faults.sensitivity[i, column] = value
+
+
+@kernel
+def clear_velocity_sensitivity(c: Core) -> None:
+    """The velocity was set without use of what a fault changes: V of it is zero."""
+    for i in range(3):
+        for j in range(FAULTS):
+            c.faults.sensitivity[VELOCITY + i, j] = 0.0
 
 
 @kernel

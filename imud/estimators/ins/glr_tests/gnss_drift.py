@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from ....compile.jit import kernel
 from ...tuning import Tunable
 from ..state import DRIFT_FAULT, EE, NE, NEVER_NS, NN, ONSETS, POSITION, POSITION_AXIS, VELOCITY, VELOCITY_AXIS
-from .fault_sensitivity import open_column, remove_drift, set_sensitivity
+from .fault_sensitivity import open_column, remove_drift
 
 BY_POSITIONS, BY_WHEELS = 1, 2  # what has detected a drift
 
@@ -159,14 +159,6 @@ def declare_drift(c: Core, by: int) -> None:
     """A drift was detected by something else than this test, which begins anew."""
     reset_drift(c)
     c.drift.detected = by
-
-
-@kernel
-def clear_velocity_sensitivity(c: Core) -> None:
-    """Set the sensitivity of the velocity to zero, after the velocity was set without use of GNSS."""
-    for i in range(3):
-        for j in range(2 * ONSETS):
-            set_sensitivity(c, VELOCITY + i, DRIFT_FAULT + j, 0.0)
 
 
 @kernel

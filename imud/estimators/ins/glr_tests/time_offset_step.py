@@ -77,9 +77,8 @@ TUNABLES = (
 
 @kernel
 def reset_time_offset_step(c: Core) -> None:
-    """Forget the onset and what was summed since: the estimate is new."""
+    """Forget the onset: the estimate is new."""
     c.time_offset_step.onset_ns = NEVER_NS
-    c.time_offset_step.information = c.time_offset_step.vector = 0.0
 
 
 @kernel
@@ -131,13 +130,15 @@ def find_time_offset_step(c: Core) -> tuple[float, float, float]:
 def explained_by_time_offset_step(c: Core) -> float:
     """Sum of the normalised innovations squared that a step since the onset explains."""
     g = c.time_offset_step
-    return g.vector * g.vector / g.information if g.information > 0.0 else 0.0
+    return g.vector * g.vector / g.information if g.onset_ns != NEVER_NS and g.information > 0.0 else 0.0
 
 
 @kernel
 def residual_of_time_offset_step(c: Core) -> float:
-    """Mean square that a step since the onset leaves unexplained."""
+    """Mean square that a step since the onset leaves unexplained; 0: no onset is open."""
     g = c.time_offset_step
+    if g.onset_ns == NEVER_NS:
+        return 0.0
     return float((g.energy - explained_by_time_offset_step(c)) / max(g.count - 1.0, 1.0))
 
 

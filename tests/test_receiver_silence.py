@@ -2,6 +2,7 @@
 
 import pytest
 from nmea_lines import gga
+from ubx_messages import eoe, message, pvt
 
 from imud.configuration.settings import Gnss
 from imud.drivers.registry import by_name
@@ -119,3 +120,23 @@ def test_a_receiver_of_each_tenth_second_is_well_until_it_ends():
     assert [second for second in range(10, 100) if faults[second]] == list(range(79 + 15, 100))
     assert faults[99] == (STALE,) and receiver.out_of_limits(99 * SECOND) == ("gnss_age_s",)
     assert receiver.last_data_ns + receiver.silence_ns == (79 + 25) * SECOND
+
+
+def test_a_receiver_of_two_protocols_is_away_when_its_positions_end_and_other_messages_go_on():
+    """A u-blox that was reset sends NMEA again, and what it keeps in its flash."""
+    receiver = Receiver(by_name("ubx"), Gnss(), 0)
+    for second in range(30):
+        at_ns, itow = second * SECOND, 1000 * second
+        positions = pvt(itow) + eoe(itow) if second < 10 else gga(f"1200{second:02d}.000")
+        receiver.feed(positions + message("NAV", "NAV-SAT", iTOW=itow, version=1, numSvs=0), at_ns)
+        receiver.flush(at_ns + SECOND // 2)
+    assert receiver.last_data_ns + receiver.silence_ns == 14 * SECOND
+
+
+def test_messages_beside_the_positions_of_a_slow_receiver_do_not_shorten_its_period():
+    receiver = Receiver(by_name("ubx"), Gnss(), 0)
+    for second in range(61):
+        itow = 1000 * second
+        positions = pvt(itow) + eoe(itow) if second % 10 == 0 else b""
+        receiver.feed(positions + message("NAV", "NAV-SAT", iTOW=itow, version=1, numSvs=0), second * SECOND)
+    assert receiver.last_data_ns + receiver.silence_ns == 85 * SECOND

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-from imud.drivers.driver import GnssDriver, ReadingDecoder
+from imud.drivers.driver import GnssDriver, NativeProtocol, ReadingDecoder
 from imud.drivers.fix import Fix, Reading, Sky
 from imud.drivers.transport.line import Line
 
@@ -43,7 +43,7 @@ _CLOCK = Refusal("unknown age", "their age is not known: their times do not go o
 _NO_PAUSE = Refusal("unknown age", "their age is not known: the line has no pauses, so they may have waited for it")
 _TOO_SLOW = "its line is too slow for all that it sends, which comes late: a higher baud rate, or fewer messages"
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
-_NO_POSITION = "sends no position: no GGA, RMC, GNS, GLL or TPV"
+_NO_POSITION = "sends no position: no GGA, RMC, GNS, GLL, NAV-PVT or TPV"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
 _UNUSED = (
     "sensor: sends nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
@@ -82,6 +82,8 @@ class Receiver:
         self._pulse = pulse
         self.decoder = driver.new_decoder(not settings.require_checksum)
         self._readings = self.decoder if isinstance(self.decoder, ReadingDecoder) else None
+        self._speaks_two = isinstance(driver, NativeProtocol)
+        self._position_ns = 0  # the epoch of the last position, or of that there is none
         self.rate, self._loss_monitor = RateMeter(), LossMonitor()
         self._silence = SilenceLimit(now_ns)
         self.used = 0
@@ -117,8 +119,20 @@ class Receiver:
             self.byte_sink(data, now_ns, pulse_ns)
         self._line_load.add(len(data), now_ns)
         whole, fixes = self.decoder.whole, self.decoder.feed(data, now_ns)
-        self._silence.add(now_ns, self.decoder.whole > whole)
+        self._add_to_silence(self.decoder.whole > whole, now_ns)
         return self._accepted(fixes, now_ns, pulse_ns)
+
+    def _add_to_silence(self, is_of_use: bool, now_ns: int) -> None:
+        """Bytes came; is_of_use: they completed a message.
+
+        A receiver of two protocols may return to the other one when it is reset, and some messages of its own go on: of
+        one that has sent positions nothing else is of use, so that it is looked for anew.
+        """
+        before_ns, self._position_ns = self._position_ns, self.decoder.status.arrival_ns
+        if not (self._speaks_two and before_ns):
+            self._silence.add(now_ns, is_of_use)
+        elif self._position_ns > before_ns:
+            self._silence.add(now_ns, True)
 
     @property
     def last_data_ns(self) -> int:

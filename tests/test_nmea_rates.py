@@ -93,6 +93,13 @@ def test_vtg_is_of_its_own_burst_on_whichever_side_of_the_position_it_stands(ord
     assert with_speed(found) >= len(found) - 1 >= 20 * hz - 2
 
 
+@pytest.mark.parametrize("hz", [25, 50, 100])
+def test_every_epoch_of_a_fast_receiver_is_a_fix_with_its_velocity(hz):
+    """RMC has its time in hundredths of a second: at 100 Hz these are the epochs themselves."""
+    fixes = [fix for fix, *_ in received([("GGA", 1), ("RMC", 1)], hz, seconds=3, baud=921_600)]
+    assert len(fixes) == 3 * hz and all(fix.speed_mps is not None for fix in fixes)
+
+
 @pytest.mark.parametrize("order", [[("GGA", 1), ("RMC", 5)], [("GGA", 1), ("VTG", 5)], [("VTG", 5), ("GGA", 1)]])
 def test_the_same_holds_at_9600_baud(order):
     assert with_speed(received(order, 5, baud=9600)) >= 19

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ..fix import Fix, ReceiverStatus
 from .content import Content, GgaGns, Gst, RmcGllGroup, Vtg, Zda
 
-SAME_NS = 10_000_000  # receivers round the time of one epoch to 2 decimals here and to 3 there
+SAME_NS = 10_000_000  # receivers truncate the time of one epoch to 2 decimals here and to 3 there; two at 100 Hz
 DAY_NS = 86_400_000_000_000
 FAR_DEG = 1e-3  # sentences of one epoch further apart than that contradict each other
 ROUNDING_MPS = 0.15  # speeds in RMC and VTG of one epoch differ by less
@@ -15,7 +15,7 @@ ROUNDING_MPS = 0.15  # speeds in RMC and VTG of one epoch differ by less
 
 def same_time(a_ns: int | None, b_ns: int | None) -> bool:
     """Whether both are known and name one epoch."""
-    return a_ns is not None and b_ns is not None and abs(a_ns - b_ns) <= SAME_NS
+    return a_ns is not None and b_ns is not None and abs(a_ns - b_ns) < SAME_NS
 
 
 @dataclass

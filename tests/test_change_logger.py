@@ -9,7 +9,7 @@ import pytest
 from crossbow_packets import packet
 from hypothesis import given
 from hypothesis import strategies as st
-from nmea_lines import gga, line, rmc
+from nmea_lines import gga, line, rmc, vtg
 
 from imud.configuration.settings import Initial, Settings
 from imud.daemon.change_logger import STATUS_LASTS_NS, ChangeLogger, Debouncer
@@ -177,6 +177,25 @@ def test_a_receiver_whose_positions_cannot_be_read_is_not_said_to_tell_none():
     for second in range(6):
         receiver.feed(gga(f"12000{second}", lat="7.038,N"), second * SECOND)
     assert receiver.faults(5 * SECOND) == ("receiver: its positions cannot be read: GGA latitude",)
+
+
+@pytest.mark.parametrize(
+    ("other", "unread"),
+    [
+        (lambda time: rmc(time, motion="022.4,400.0"), "RMC course"),
+        (lambda time: vtg(kmh="010,2"), "VTG unit"),  # a comma for the point shifts the fields
+        (lambda time: rmc(time, motion="000.0,084.4"), ""),
+    ],
+)
+def test_what_is_missing_in_the_fixes_as_it_cannot_be_read_is_named(other, unread):
+    receiver = Receiver(by_name("nmea"), Settings().gnss, 0)
+    for second in range(12):
+        time = f"1200{second:02d}.000"
+        receiver.feed(gga(time) + other(time), second * SECOND)
+        receiver.flush(second * SECOND + SECOND // 2)
+        receiver.update(second * SECOND)
+    assert receiver.used > 9
+    assert receiver.faults(11 * SECOND) == (f"receiver: some of its sentences cannot be read: {unread}",) * bool(unread)
 
 
 @pytest.mark.parametrize(("sentence", "is_used"), [("APHDM,218.6,M", False), ("HEHDT,218.6,T", True)])

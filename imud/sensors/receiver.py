@@ -45,6 +45,7 @@ _TOO_SLOW = "its line is too slow for all that it sends, which comes late: a hig
 _UNTIMED = "receiver: its fixes have no time, and are not used; a gpsd knows it from RMC or ZDA"
 _NO_POSITION = "sends no position: no GGA, RMC, GNS, GLL, NAV-PVT or TPV"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
+_VELOCITY = ("VTG ",)  # the same of a velocity alone
 _UNUSED = (
     "sensor: sends nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
     "speeds over ground (VBW) or with aiding.current_mps"
@@ -84,7 +85,7 @@ class Receiver:
         self._readings = self.decoder if isinstance(self.decoder, ReadingDecoder) else None
         self._speaks_two = isinstance(driver, NativeProtocol)
         self._position_ns = 0  # the epoch of the last position, or of that there is none
-        self.rate, self._loss_monitor = RateMeter(), LossMonitor()
+        self.rate, self._loss_monitor, self._unread_monitor = RateMeter(), LossMonitor(), LossMonitor()
         self._silence = SilenceLimit(now_ns)
         self.used = 0
         self.refused = Counter[str]()  # by rule
@@ -281,6 +282,7 @@ class Receiver:
         for received in self.received.values():
             received.rate.update(received.count, now_ns)
         self._loss_monitor.update(self.decoder.whole, self.decoder.counters["wrong checksum"], now_ns)
+        self._unread_monitor.update(self.decoder.whole, sum(self._unread().values()), now_ns)
 
     def faults(self, now_ns: int) -> tuple[str, ...]:
         """What is wrong with the receiver, in words."""
@@ -289,7 +291,19 @@ class Receiver:
         slow = f"{'receiver' if self.positions else 'sensor'}: {_TOO_SLOW}" if self._line_load.is_saturated else ""
         velocity = f"receiver: {self._consistency.fault}" if self._consistency.fault else ""
         interference = (_JAMMED.get(status.jamming or 0, ""), _SPOOFED.get(status.spoofing or 0, ""))
-        return tuple(text for text in (self._fix_fault(now_ns), slow, velocity, damaged, *interference) if text)
+        of_fixes = self._fix_fault(now_ns) or self._reading_fault()
+        return tuple(text for text in (of_fixes, slow, velocity, damaged, *interference) if text)
+
+    def _unread(self) -> dict[str, int]:
+        """How many positions and velocities arrived whole and could not be read, by reason."""
+        return {why: n for why, n in self.decoder.counters.items() if why.startswith(_POSITIONS + _VELOCITY)}
+
+    def _reading_fault(self) -> str:
+        """What is missing in its fixes, as it cannot be read; empty: nothing."""
+        if not self._unread_monitor.is_high:
+            return ""
+        unread = self._unread()
+        return f"receiver: some of its sentences cannot be read: {max(unread, key=unread.__getitem__)}"
 
     def _fix_fault(self, now_ns: int) -> str:
         """What is wrong with its fixes; empty: nothing."""

@@ -177,9 +177,10 @@ def configured(first, later):
 
 def test_a_line_without_positions_is_a_sensor():
     vbw, fix = line("VDVBW,,,V,5.0,,A"), gga()
-    alone = configured(vbw * 2, vbw * 12)
-    assert (alone.positions, alone.identity.model) == (False, SENSOR)
-    for first, later in ((vbw * 2, vbw + fix), (fix + vbw, vbw), (line("SDMTW,12.0,C") * 2, line("SDMTW,12.0,C"))):
+    depth = line("SDDBT,12.0,f,3.7,M,2.0,F")
+    for alone in (configured(vbw * 2, vbw * 12), configured(depth * 2, depth * 3)):
+        assert (alone.positions, alone.identity.model) == (False, SENSOR)
+    for first, later in ((vbw * 2, vbw + fix), (fix + vbw, vbw), (depth * 2, fix)):
         receiver = configured(first, later)
         assert (receiver.positions, receiver.identity.model) == (True, RECEIVER)
 

@@ -14,7 +14,7 @@ from .sentences import RefusedError, Sentence, Splitter
 
 ENOUGH = 2  # checked sentences of any kind; one of a kind that is read is enough, as instruments send single ones
 MEDIATEK, UNCHECKED = "MediaTek NMEA receiver", "NMEA receiver without checksums"
-RECEIVER, SENSOR = "NMEA receiver", "NMEA sensor without positions"  # a compass, a log, a barometer
+RECEIVER, SENSOR = "NMEA receiver", "NMEA sensor without positions"  # a compass, a log, a barometer, a sounder
 DEVICE = "NMEA device"  # either
 POSITION_KINDS = {"GGA", "GNS", "RMC", "GLL"}
 RECEIVER_KINDS = {*READERS, "GSV"}
@@ -58,7 +58,7 @@ class Nmea:
             return Unsupported(self.name, identity.model, WITHOUT, identity.baud)
         if identity.model == DEVICE:
             received = yield Exchange(listen_s=POSITION_S, enough=_has_position_kind)
-            if not _has_position_kind(received) and _kinds(received) & READINGS.keys():
+            if not _has_position_kind(received):  # else it would keep the place of a receiver on another port
                 return GnssConfigured(replace(identity, model=SENSOR), positions=False)
             identity = replace(identity, model=RECEIVER)
         if options.readonly or not options.set_up_nmea or not identity.baud:

@@ -47,8 +47,8 @@ _NO_POSITION = "sends no position: no GGA, RMC, GNS, GLL, NAV-PVT or TPV"
 _POSITIONS = ("GGA ", "RMC ", "GNS ", "GLL ", "NAV-PVT ")  # begin the reasons for which a decoder rejects a position
 _VELOCITY = ("VTG ",)  # the same of a velocity alone
 _UNUSED = (
-    "sensor: sends nothing that is used: headings must be true (HDT, THS), pressures the air's (XDR), "
-    "speeds over ground (VBW) or with aiding.current_mps"
+    "sensor: sends nothing that is used: no position (GGA, RMC, GNS, GLL); headings must be true (HDT, THS), "
+    "pressures the air's (XDR), speeds over ground (VBW) or with aiding.current_mps"
 )
 _NO_AIDING = AidingSettings()
 _JAMMED = {1: "receiver: reports interference", 2: "receiver: reports interference so strong that it has no fix"}

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from imud.configuration.settings import Settings
 from imud.daemon.spares import Spares
-from imud.drivers.sample import SAMPLE, SUSPECT
+from imud.drivers.sample import NO_FORCE, NO_RATE, SAMPLE, SATURATED, SUSPECT
 from imud.sensor_errors.profiles import PROFILES
 from imud.sensors.comparison import Sensor, SensorComparison
 
@@ -152,6 +152,27 @@ def test_one_whose_own_monitor_finds_a_fault_is_wrong_when_they_disagree():
     comparison.update({"b"})
     assert set(comparison.verdicts) == {"b"}
     assert comparison.verdicts["b"].is_wrong
+
+
+@pytest.mark.parametrize("fault", [NO_RATE, NO_FORCE, SATURATED])
+def test_one_that_is_frozen_or_at_the_end_of_its_range_for_seconds_is_wrong_beside_a_sound_one(fault):
+    """Such samples cannot be compared; before, nobody was wrong, and a sensor in use that was frozen stayed so."""
+    truth = MOTIONS["motion"](1)
+    first, second = sensed(truth, "m-g350", 1), sensed(truth, "m-g350", 2)
+    first["flags"][20 * RATE :] |= fault
+    verdicts = compared(first, second)
+    wrong = [set(each) for each in verdicts]
+    assert wrong[: 5 * 23] == [set()] * 5 * 23 and wrong[5 * 25 :] == [{"a"}] * (len(wrong) - 5 * 25)
+    assert verdicts[-1]["a"].is_wrong
+    second["flags"][20 * RATE :] |= fault
+    assert named(compared(first, second)) == (set(), set())
+
+
+def test_one_whose_range_ends_now_and_then_is_not_wrong():
+    truth = MOTIONS["motion"](1)
+    first, second = sensed(truth, "m-g350", 1), sensed(truth, "m-g350", 2)
+    first["flags"][::3] |= SATURATED
+    assert named(compared(first, second)) == (set(), set())
 
 
 def test_one_that_left_is_not_compared_any_more():

@@ -10,7 +10,8 @@ otherwise than its mounting in the settings says. While they agree, it is what t
 
 Which sensor is wrong is decided on evidence only: its own monitor finds a fault; or gravity contradicts one of the two
 and agrees with the other, since at rest its magnitude is known, and without acceleration the measured gravity rotates
-at the body's rate; or a third sensor agrees with one of them.
+at the body's rate; or a third sensor agrees with one of them. What is frozen or at the end of its range cannot be
+compared: if nearly all samples of a sensor are so for some windows, and those of another one are not, it is wrong.
 """
 
 import math
@@ -40,6 +41,7 @@ UNSTEADY = 0.1  # of the switch-on bias: what temperature and vibration may chan
 GRAVITY_SPREAD = 0.03  # m/s^2: equator and poles
 _AXES = {"rates": slice(0, 3), "forces": slice(3, 6)}
 _UNFIT = SATURATED | NO_RATE | NO_FORCE
+_UNUSABLE = "it is frozen or at the end of its range, and another one is not"
 
 
 class Means(NamedTuple):
@@ -61,6 +63,7 @@ class Sensor:
     has_gyros: bool
     mounting_sigma: float
     means: dict[int, Means] = field(default_factory=dict)  # by number of the window
+    unfit: int = 0  # windows in sequence, of which nearly all samples are frozen or at the end of the range
     _number: int = -1
     _blocks: list[bytes] = field(default_factory=list)  # samples of this window
 
@@ -85,7 +88,9 @@ class Sensor:
             readings = np.hstack([rows["w"], rows["f"]])
             if not self.has_gyros:
                 readings[:, :3] = 0.0
-            readings[rows["flags"] & _UNFIT != 0] = np.nan
+            unfit = rows["flags"] & _UNFIT != 0
+            self.unfit = self.unfit + 1 if unfit.mean() > WHOLE else 0
+            readings[unfit] = np.nan
             if np.isfinite(readings).all():
                 mean, spread = readings.mean(axis=0), readings.std(axis=0)
                 self.means[self._number] = Means(mean, spread, self._swept(readings[:, :3]))
@@ -262,6 +267,9 @@ class SensorComparison:
                 end = "it is the one that is wrong" if name in wrong else "one of them is wrong; or see imu.mounts"
                 text = f"{' and '.join(groups)} disagree with those of {others}: {end}"
                 self.verdicts[name] = Verdict(text, name in wrong, groups)
+        if any(sensor.means and not sensor.unfit for sensor in self._sensors.values()):
+            for name in [name for name, sensor in self._sensors.items() if sensor.unfit >= LASTING]:
+                self.verdicts[name] = Verdict(_UNUSABLE, True, ())
 
     def agree(self, name: str, other: str) -> bool:
         """Whether these two have been compared for long enough and sense the same."""

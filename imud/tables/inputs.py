@@ -239,6 +239,9 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
             raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}{question}")
     if math.isnan(fix["t_s"]):
         raise ValueError(f"{where}: t_s is empty")
+    for name, other in (("vn_mps", "ve_mps"), ("ve_mps", "vn_mps")):
+        if math.isnan(fix.get(name, math.nan)) and not math.isnan(fix.get(other, math.nan)):
+            raise ValueError(f"{where}: {other} without {name}")
     if fix.get("arrival_s", math.nan) < fix["t_s"] - _EARLY_S:
         raise ValueError(f"{where}: arrival_s is {fix['arrival_s']:.3f}, before t_s, which is {fix['t_s']:.3f}")
     return fix

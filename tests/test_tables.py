@@ -349,13 +349,18 @@ def test_fixes_with_and_without_optional_columns(tmp_path):
     [
         *[("1,95,0,0", "lat_deg is 95"), ("1,a,0,0", "line 2"), (",1,1,1", "t_s is empty")],
         *[("1,1,1,1e9", "height_m is 1000000000"), ("1,,1,1", "lat_deg is nan"), ("1,1,1,1,3e8", "vn_mps is 3")],
-        *[("1,1,1,1,3", "vn_mps without ve_mps"), ("1,1,1,1,,3", "ve_mps without vn_mps")],
+        *[
+            ("1,1,1,1,0,0,2e4", "speed_mps is 20000"),
+            ("1,1,1,1,3", "vn_mps without ve_mps"),
+            ("1,1,1,1,,3", "ve_mps without vn_mps"),
+        ],
     ],
 )
 def test_bad_fixes_are_named_by_line(tmp_path, row, says):
-    columns = ("t_s", "lat_deg", "lon_deg", "height_m", "vn_mps", "ve_mps")[: len(row.split(","))]
+    columns = ("t_s", "lat_deg", "lon_deg", "height_m", "vn_mps", "ve_mps", "speed_mps")
+    header = ",".join(columns[: len(row.split(","))])
     with pytest.raises(BadDataError, match=says):
-        tables.read_fixes(write(tmp_path, row + "\n", ",".join(columns) + "\n"), 0)
+        tables.read_fixes(write(tmp_path, f"{row}\n", f"{header}\n"), 0)
 
 
 def test_estimates_are_written_in_the_columns_of_the_contract():

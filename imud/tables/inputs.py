@@ -31,7 +31,7 @@ _FARTHEST_S = 2.0  # between samples
 _LIMITS = {
     **{"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "height_m": (-HEIGHT_MAX_M, HEIGHT_MAX_M)},
     **{"quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)},
-    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
+    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps", "speed_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
 }
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")

@@ -5,7 +5,7 @@ import logging
 import math
 import signal
 import sys
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -147,10 +147,10 @@ def _device(text: str) -> tuple[str, int]:
 
 
 def _span(text: str) -> float:
-    value = float(text)
-    if not value >= 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: a time in seconds is needed")
-    return value
+    with suppress(ValueError):
+        if (value := float(text)) >= 0.0:
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r}: a time in seconds is needed")
 
 
 def _triple(text: str) -> Triple:

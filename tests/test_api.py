@@ -186,7 +186,13 @@ def test_heading_as_an_aiding_source(drive):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"t": [0.0, 1.0, 1.0]}, r"t\[2\]"),
+        ({"t": [0.0, 1.0, 1.0]}, r"t\[2\] is not later"),
+        ({"t": [0.0, 1e10, 2e10]}, r"t\[2\] is 2e\+10 s after t\[0\]: is it in s"),
+        ({"t": np.array([0, 10, 20], "datetime64[ms]")}, r"t has dates or time spans \(datetime64\[ms\]\)"),
+        ({"t": ["a", "b", "c"]}, "t: could not convert"),
+        ({"gyro": [[None] * 3] * 3}, r"gyro\[0\] is not finite"),
+        ({"accel": [[object()] * 3] * 3}, "accel: "),
+        ({"t": [], "gyro": np.zeros((0, 3)), "accel": np.zeros((0, 3))}, "0 samples; at least two"),
         ({"gyro": np.zeros((3, 2))}, r"gyro has the shape \(3, 2\)"),
         ({"accel": np.full((3, 3), np.nan)}, r"accel\[0\] is not finite"),
         ({"frames": "enu"}, "frames"),
@@ -229,6 +235,13 @@ def test_what_is_wrong_with_tables_and_settings_is_said(drive):
     imu, fixes = drive
     with pytest.raises(ValueError, match="imu is a path"):
         imud.navigate("imu.csv", fixes)
+    for no_table in ([{"t_s": 1.0}], np.zeros((3, 4)), 5):
+        with pytest.raises(ValueError, match="gnss is of the type"):
+            imud.navigate(imu, no_table)
+    with pytest.raises(ValueError, match="t_s has dates"):
+        imud.navigate(imu, fixes | {"t_s": fixes["t_s"].astype("datetime64[s]")})
+    with pytest.raises(ValueError, match="gnss, row 0: ve_mps without vn_mps"):
+        imud.navigate(imu, fixes | {"vn_mps": np.full(len(fixes["t_s"]), np.nan), "ve_mps": 0.0 * fixes["t_s"]})
     with pytest.raises(ValueError, match="lat_deg"):
         imud.navigate(imu, {"t_s": [1.0]})
     with pytest.raises(ValueError, match=r"gnss, row 0: lat_deg is 95\.0"):
@@ -239,6 +252,23 @@ def test_what_is_wrong_with_tables_and_settings_is_said(drive):
         imud.attitude(*imu, settings={"navigation.vehicl": "land"})
     with pytest.raises(ValueError, match="first"):
         imud.NavigationFilter(100.0).fix(t_s=0.0, lat_deg=0.0, lon_deg=0.0, height_m=0.0)
+
+
+def test_a_misspelt_name_of_a_measurement_is_no_unknown_value():
+    stepped = imud.NavigationFilter(RATE_HZ)
+    stepped.step(0.0, [0.0, 0.0, 0.0], [0.0, 0.0, -9.8])
+    with pytest.raises(ValueError, match=r"fix\(\) takes no v_n; it takes t_s, lat_deg"):
+        stepped.fix(t_s=0.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0, v_n=3.0)
+    with pytest.raises(ValueError, match=r"aid\('heading'\) takes no sigma; it takes t_s, heading_deg, sigma_deg"):
+        stepped.aid("heading", t_s=0.0, heading_deg=3.0, sigma=1.0)
+
+
+def test_a_fix_that_the_settings_forbid_is_not_used_by_a_filter_stepped_by_hand():
+    stepped = imud.NavigationFilter(RATE_HZ, settings={"gnss.min_satellites": 5})
+    stepped.step(0.0, [0.0, 0.0, 0.0], [0.0, 0.0, -9.8])
+    with pytest.warns(UserWarning, match="a fix is not used: 4 satellites, fewer than gnss.min_satellites = 5"):
+        stepped.fix(t_s=0.0, lat_deg=48.0, lon_deg=11.0, height_m=500.0, satellites=4)
+    assert not len(stepped.step(0.01, [0.0, 0.0, 0.0], [0.0, 0.0, -9.8]).innovations.t)
 
 
 def test_settings_may_be_numbers_and_arrays_of_numpy():

@@ -291,6 +291,7 @@ def test_the_command_saves_what_the_daemon_loads(tmp_path, capsys):
     assert "gyro bias: x +0.57" in capsys.readouterr().out
     assert not list(tmp_path.glob("calibration*"))
     assert main(command) == 0
+    assert "the daemon" not in capsys.readouterr().err  # which reads another folder
     kept = calibration.load("S1", [tmp_path])
     np.testing.assert_allclose(kept.gyro.bias_radps, BIAS, atol=2e-4)
     assert kept.gyro.temperature_c == pytest.approx(21.5)

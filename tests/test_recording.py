@@ -139,6 +139,13 @@ def test_parallel_replays_equal_single_ones(recorded, fleet, tmp_path):
     assert made[f"{recorded.parent.name}_drive.csv"] == alone.read_bytes()
 
 
+def test_a_failure_names_its_recording_once(recorded, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[:1000])
+    why = many.replay_locally(replaying.Job((cut,), tmp_path / "out.csv", None, (), None, "", None))
+    assert why == f"{cut} is damaged: the settings that it was made with are missing"
+
+
 def killed_by_one(job):
     """What a process does that is killed while it replays the second of the jobs."""
     if job.paths[0].name == "1":

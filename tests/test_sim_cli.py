@@ -46,6 +46,7 @@ def test_an_old_link_is_replaced_and_another_ones_link_is_left(tmp_path):
         (["g350", "--scenario", "train"], 64, "invalid choice"),
         (["g350", "--gyro-bias-dps", "1,2"], 64, "three numbers"),
         (["g350", "--seconds", "nan"], 64, "time in seconds"),
+        (["g350", "--seconds", "x"], 64, "'x': a time in seconds is needed"),
         (["nmea", "--rate", "10"], 64, "1 to 5 fixes"),
         (["g350", "--link", "a", "--link", "b"], 64, "more --link than devices"),
         (["g350", "g350", "--link", "a", "--link", "a"], 64, "same --link"),

@@ -2,8 +2,10 @@
 
 import csv
 import dataclasses
+import gc
 import itertools
 import math
+import warnings
 
 import accuracy_simulated
 import numpy as np
@@ -261,6 +263,18 @@ def test_a_recording_is_smoothed(tmp_path):
     assert [row["t_s"] for row in smooth] == [row["t_s"] for row in causal]
     first = [float(rows[100]["sbgx_radps"]) for rows in (smooth, causal)]
     assert first[0] < 0.8 * first[1]  # what comes later tells of the bias
+
+
+@pytest.mark.parametrize("estimator", ["attitude", "navigation"])
+def test_the_temporary_files_are_closed(estimator):
+    t = np.arange(300) / 100.0
+    fixes = {"t_s": np.array([1.0, 2.0]), **dict.fromkeys(("lat_deg", "lon_deg", "height_m"), np.array([48.0, 48.0]))}
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", ResourceWarning)
+        imu = t, np.zeros((300, 3)), np.tile([0.0, 0.0, -9.8], (300, 1))
+        assert len(imud.navigate(imu, fixes, estimator=estimator, smooth=True).t) == 300
+        gc.collect()
+    assert not [str(warning.message) for warning in found if warning.category is ResourceWarning]
 
 
 def test_an_estimator_that_cannot_run_backward_is_named(tmp_path, capsys):

@@ -17,7 +17,7 @@ from imud.errors import BadDataError, InputMissingError
 from imud.estimators.records import POSITION_VALID, SOLUTION
 from imud.math.decimal import write_fixed, write_seconds
 from imud.math.rotation import quat_of_euler
-from imud.sensors.gnss import INACCURATE, refusals
+from imud.sensors.gnss import IMPOSSIBLE, INACCURATE, refusals
 from imud.tables import estimates as estimate_tables
 from imud.tables import inputs as tables
 from imud.tables.imu_table import write_rows
@@ -295,6 +295,14 @@ def test_an_accuracy_that_no_receiver_can_have_is_unknown_as_it_is_live(tmp_path
     assert refusals(fixes, Gnss()) == [None, None, INACCURATE]
 
 
+def test_a_position_of_0_0_is_none_unless_all_are_there(tmp_path):
+    """Programs log it as long as the receiver has no fix; simulated drives begin there."""
+    rows = "1,0,0,0\n2,0,0.01,0\n", "1,0,0,0\n2,,,\n3,0,139.5,40\n"
+    simulated, logged = (tables.read_fixes(write(tmp_path, text, "t_s,lat_deg,lon_deg,height_m\n"), 0) for text in rows)
+    assert refusals(simulated, Gnss()) == [None, None]
+    assert refusals(logged, Gnss()) == [IMPOSSIBLE, None]
+
+
 def test_a_column_that_is_there_twice_is_refused(tmp_path):
     path = tmp_path / "imu.csv"
     path.write_text(HEADER.strip() + ",gx_radps\n" + "".join(f"{k},0,0,0,0,0,-9.8,5\n" for k in range(3)))
@@ -312,6 +320,8 @@ def test_missing_file_and_missing_column(tmp_path):
 def test_another_kind_of_file_is_reported(tmp_path):
     with pytest.raises(BadDataError, match=r"1: the header must name t_s, .*; it is: time \[s\], gyro_x, Acc Z, …"):
         tables.read_imu(write(tmp_path, "1,2,3\n", f"time [s],gyro_x,Acc Z,{'x' * 200}\n"))
+    with pytest.raises(BadDataError, match=r"\(separated by commas, semicolons or tabs\); it is: t_s gx_radps "):
+        tables.read_imu(write(tmp_path, "1 2 3\n", HEADER.replace(",", " ")))
     with pytest.raises(BadDataError, match="line 1: there is no header; it must name t_s, "):
         tables.read_imu(write(tmp_path, "0.01,0,0,0,0,0,-9.8\n", "0.00,0,0,0,0,0,-9.8\n"))
     (tmp_path / "raw.ubx").write_bytes(bytes(range(256)) * 4)
@@ -339,12 +349,18 @@ def test_fixes_with_and_without_optional_columns(tmp_path):
     [
         *[("1,95,0,0", "lat_deg is 95"), ("1,a,0,0", "line 2"), (",1,1,1", "t_s is empty")],
         *[("1,1,1,1e9", "height_m is 1000000000"), ("1,,1,1", "lat_deg is nan"), ("1,1,1,1,3e8", "vn_mps is 3")],
+        *[
+            ("1,1,1,1,0,0,2e4", "speed_mps is 20000"),
+            ("1,1,1,1,3", "vn_mps without ve_mps"),
+            ("1,1,1,1,,3", "ve_mps without vn_mps"),
+        ],
     ],
 )
 def test_bad_fixes_are_named_by_line(tmp_path, row, says):
-    columns = ("t_s", "lat_deg", "lon_deg", "height_m", "vn_mps")[: len(row.split(","))]
+    columns = ("t_s", "lat_deg", "lon_deg", "height_m", "vn_mps", "ve_mps", "speed_mps")
+    header = ",".join(columns[: len(row.split(","))])
     with pytest.raises(BadDataError, match=says):
-        tables.read_fixes(write(tmp_path, row + "\n", ",".join(columns) + "\n"), 0)
+        tables.read_fixes(write(tmp_path, f"{row}\n", f"{header}\n"), 0)
 
 
 def test_estimates_are_written_in_the_columns_of_the_contract():

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import socket
 import subprocess
 import sys
 import urllib.error
@@ -78,6 +79,20 @@ def test_snapshots_follow_the_daemon_when_it_starts_and_ends(tmp_path):
 
     with page_server(path) as url:
         asyncio.run(follow(url))
+
+
+def test_why_there_is_no_connection_is_said_in_the_systems_words():
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))  # and does not listen
+        address = f"127.0.0.1:{closed.getsockname()[1]}"
+
+        async def follow(url):
+            async with aiohttp.ClientSession() as session, session.ws_connect(f"{url}live") as channel:
+                news = await heard(channel, lambda n: n["why"] != "not yet connected")
+                assert (news["daemon"], news["why"]) == (address, "connection refused")
+
+        with page_server(address) as url:
+            asyncio.run(follow(url))
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,29 @@ def table_of(what: str, columns: Any) -> dict[str, Floats]:
     """Columns by name, of a mapping, a DataFrame or a structured array. what: names the argument to the user."""
     if isinstance(columns, str | Path):
         raise ValueError(f"{what} is a path; it must be a table: read the file with pandas or numpy")
-    names = getattr(getattr(columns, "dtype", None), "names", None) or list(columns)
-    return {str(name): np.asarray(columns[name]) for name in names}
+    names = getattr(getattr(columns, "dtype", None), "names", None)
+    if names is None and not hasattr(columns, "keys"):
+        tables = "a mapping of names to columns, a DataFrame of pandas or a structured array"
+        raise ValueError(f"{what} is of the type {type(columns).__name__}; it must be {tables}")
+    return {str(name): np.asarray(columns[name]) for name in names or columns.keys()}
+
+
+def numbers(what: str, values: Any) -> Floats:
+    """An array of floats. what: names the argument to the user. numpy would make ns since 1970 of dates."""
+    array = np.asarray(values)
+    if array.dtype.kind in "mM":
+        raise ValueError(f"{what} has dates or time spans ({array.dtype}); it must have numbers: times in s")
+    try:
+        return array.astype(float, copy=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what}: {error}") from error
+
+
+def forbid_other_names(call: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """A misspelt name would be a value that is not known."""
+    known = tuple(known)
+    if others := [name for name in given if name not in known]:
+        raise ValueError(f"{call} takes no {', '.join(others)}; it takes {', '.join(known)}")
 
 
 def settings_of(settings: Mapping[str, Any] | Path | str | None) -> Settings:
@@ -62,7 +83,7 @@ def check_frames(frames: str) -> None:
 
 def rows_of(table: Mapping[str, Any]) -> list[dict[str, float]]:
     """One mapping for each row; columns of one value are those of one row."""
-    columns = {name: np.atleast_1d(np.asarray(values, float)) for name, values in table.items()}
+    columns = {name: np.atleast_1d(numbers(name, values)) for name, values in table.items()}
     lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
         raise ValueError(f"the columns have different lengths: { ({n: len(v) for n, v in columns.items()}) }")
@@ -71,11 +92,11 @@ def rows_of(table: Mapping[str, Any]) -> list[dict[str, float]]:
 
 def samples_from(t: Any, gyro: Any, accel: Any, temperature: Any, frames: Frames, origin: int | None) -> Records:
     """Samples (array of SAMPLE), t_ns since `origin` in s; None: since the whole second before the first one."""
-    times = np.atleast_1d(np.asarray(t, float))
+    times = np.atleast_1d(numbers("t", t))
     n = len(times)
     vectors = {}
     for name, values in (("gyro", gyro), ("accel", accel)):
-        array = np.asarray(values, float)
+        array = numbers(name, values)
         array = array.reshape(1, 3) if array.shape == (3,) else array
         if array.shape != (n, 3):
             raise ValueError(f"{name} has the shape {array.shape}; with {n} times it must be ({n}, 3)")
@@ -88,16 +109,19 @@ def samples_from(t: Any, gyro: Any, accel: Any, temperature: Any, frames: Frames
     samples["t_ns"] = ns_since(times, start_of(times) if origin is None else origin)
     back = np.diff(samples["t_ns"]) <= 0
     if back.any():
-        raise ValueError(f"t[{int(np.argmax(back)) + 1}] is not later than the time before it")
+        row = int(np.argmax(back)) + 1
+        if times[row] > times[row - 1]:  # by less than 1 ns, or beyond what 64 bits of ns can hold
+            raise ValueError(f"t[{row}] is {times[row] - times[0]:g} s after t[0]: is it in s?")
+        raise ValueError(f"t[{row}] is not later than the time before it")
     samples["tick"] = np.arange(n)
     samples["w"], samples["f"] = vectors["gyro"], vectors["accel"]
-    samples["temperature"] = np.nan if temperature is None else np.asarray(temperature, float)
+    samples["temperature"] = np.nan if temperature is None else numbers("temperature", temperature)
     return samples
 
 
 def start_of(times: Floats) -> int:
     """The origin of a time axis: the whole second at or before its first time."""
-    return math.floor(float(times[0]))
+    return math.floor(float(times[0])) if len(times) else 0
 
 
 def split_imu(imu: Any) -> tuple[Any, Any, Any, Any]:
@@ -127,13 +151,23 @@ def fixes_from(gnss: Any, origin: int) -> Records:
     return fixes_of([row for row in checked if math.isfinite(row["lat_deg"]) and row.get("quality") != 0.0], origin)
 
 
-def measurements_from(name: str, table: Any, known: Iterable[AidingSource], origin: int) -> Records:
-    """Measurements (array of MEASUREMENT) of the source of this name."""
+def source_of(name: str, known: Iterable[AidingSource]) -> AidingSource:
+    """The source of this name."""
     sources = {source.name: source for source in known}
     if name not in sources:
         raise ValueError(f"there is no aiding source {name!r}; there are: {', '.join(sources) or 'none'}")
-    columns = table_of(name, table)
-    if missing := [*(() if "t_s" in columns else ("t_s",)), *sources[name].missing(columns)]:
-        raise ValueError(f"{name} has no column {', '.join(missing)}")
-    wanted = ("t_s", *sources[name].names, "arrival_s")
-    return measurements_of(sources[name], rows_of({k: v for k, v in columns.items() if k in wanted}), origin)
+    return sources[name]
+
+
+def columns_of(source: AidingSource) -> tuple[str, ...]:
+    """What a table of its measurements may have."""
+    return ("t_s", *source.names, "arrival_s")
+
+
+def measurements_from(source: AidingSource, table: Any, origin: int) -> Records:
+    """Measurements (array of MEASUREMENT) of the source."""
+    columns = table_of(source.name, table)
+    if missing := [*(() if "t_s" in columns else ("t_s",)), *source.missing(columns)]:
+        raise ValueError(f"{source.name} has no column {', '.join(missing)}")
+    known = {name: values for name, values in columns.items() if name in columns_of(source)}
+    return measurements_of(source, rows_of(known), origin)

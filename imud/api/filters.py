@@ -1,5 +1,6 @@
 """The filters, to be stepped by hand: samples as they come, fixes and other measurements in between."""
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,20 @@ from ..estimators.filter_states import cells
 from ..estimators.records import INNOVATION, PENDING_MAX, SOLUTION
 from ..math.arrays import Records
 from ..pipeline import Filter
+from ..sensors.gnss import refusals
+from ..tables.inputs import FIX_COLUMNS
 from .arguments import (
     Frames,
     check_frames,
+    columns_of,
     estimator_of,
     fixes_from,
+    forbid_other_names,
     initial_of,
     measurements_from,
     samples_from,
     settings_of,
+    source_of,
     start_of,
 )
 from .solution import Solution
@@ -118,18 +124,25 @@ class NavigationFilter(AttitudeFilter):
         """A fix that became known before the next sample; columns by names as in `gnss.csv`: t_s, lat_deg, lon_deg,
         height_m, and what else is known of it: sn_m, se_m, sd_m, vn_mps, ve_mps, vd_mps, quality, …
 
-        Its innovations are in the next step's solution. Raises ValueError.
+        Its innovations are in the next step's solution. A fix that the settings forbid is not used, with a warning.
+        Raises ValueError.
         """
-        for fix in fixes_from(columns, self._known_origin()):
-            self._waiting.append(self._filter.update(np.array([fix])).copy())
+        forbid_other_names("fix()", columns, FIX_COLUMNS)
+        fixes = fixes_from(columns, self._known_origin())
+        for fix, refusal in zip(fixes, refusals(fixes, self._settings.gnss), strict=True):
+            if refusal is not None:
+                warnings.warn(f"a fix is not used: {refusal}", stacklevel=2)
+            else:
+                self._waiting.append(self._filter.update(np.array([fix])).copy())
 
     def aid(self, source: str, **columns: float) -> None:
         """A measurement of an aiding source: `heading`, … with columns as in its table: t_s, heading_deg, sigma_deg.
 
         Raises ValueError.
         """
-        measurements = measurements_from(source, columns, self._filter.estimator.sources, self._known_origin())
-        self._waiting.append(self._filter.aid(measurements).copy())
+        chosen = source_of(source, self._filter.estimator.sources)
+        forbid_other_names(f"aid({source!r})", columns, columns_of(chosen))
+        self._waiting.append(self._filter.aid(measurements_from(chosen, columns, self._known_origin())).copy())
 
     def _known_origin(self) -> int:
         if self._origin is None:

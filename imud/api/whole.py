@@ -26,6 +26,7 @@ from .arguments import (
     measurements_from,
     samples_from,
     settings_of,
+    source_of,
     split_imu,
     start_of,
 )
@@ -114,7 +115,8 @@ def _run(
     fixes = np.zeros(0, FIX) if gnss is None else fixes_from(gnss, origin)
     fixes = consistent(without_refused(Path("gnss"), fixes, chosen.gnss, warnings.warn), warnings.warn)
     warn_of_clocks(samples, fixes, warnings.warn, "add {:g} s to the times of the fixes".format)
-    measured = [measurements_from(source, table, estimator.sources, origin) for source, table in aiding.items()]
+    sources = {name: source_of(name, estimator.sources) for name in aiding}
+    measured = [measurements_from(sources[name], table, origin) for name, table in aiding.items()]
     filter_ = Filter(estimator, chosen, initial_of(chosen, initial), rate_hz_of(samples))
     rows: list[Records] = []
     innovations: list[Records] = [np.zeros(0, INNOVATION)]

@@ -69,7 +69,10 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         return 0
     path = calibration.save(msgspec.structs.replace(known, **part), folders)
-    print(f"{serial}: saved in {path}; the daemon applies it when the sensor next connects", file=sys.stderr)
+    use = (
+        "`imud replay --calibration` takes it" if args.state else "the daemon applies it when the sensor next connects"
+    )
+    print(f"{serial}: saved in {path}; {use}", file=sys.stderr)
     return 0
 
 

@@ -95,7 +95,8 @@ def replay_locally(job: Job) -> Outcome | str:
     try:
         return play(job, lambda done, total: None)
     except ImudError as error:
-        return f"{job.paths[0]}: {error}"
+        why, path = str(error), str(job.paths[0])
+        return why if why.startswith(path) else f"{path}: {why}"
     except OSError as error:  # of the output, or of a shared folder
         return f"{job.paths[0]}: {error} (on {socket.gethostname()})"
 

@@ -20,6 +20,7 @@ HEIGHT_MAX_M, SPEED_MAX_MPS = 1e6, 1e4  # beyond them no fix can be right
 LEAST_HDOP = 0.2  # of a hundred satellites, all on the horizon: 2 / sqrt(n)
 SIGMA_MAX_M = 1e4  # 1 sigma; receivers state thousands of kilometres where they have no position
 LEAST_SIGMA_M = 1e-3  # 1 sigma; none that measures while it moves knows its position better
+_AWAY_FROM_0_0 = math.radians(1.0)
 COARSE_M = 3.0  # 1 sigma of the rounding of a position from which on it counts: two decimals of a minute or fewer
 
 
@@ -86,16 +87,21 @@ def _forbidden(quality: int, satellites: int | None, hdop: float | None, setting
 
 
 def refusals(fixes: Records, settings: Gnss) -> list[Refusal | None]:
-    """Of each fix (array of FIX) why the settings forbid it; None: use it. A row without a position is not judged."""
+    """Of each fix (array of FIX) why the settings forbid it; None: use it. A row without a position is not judged.
+
+    A position of 0, 0 is none (see `is_possible`), unless all are around it, as in simulated data.
+    """
     known = np.isfinite(fixes["lat"])
+    away = np.maximum(np.abs(fixes["lat"]), np.abs(fixes["lon"]))
+    nowhere = (away == 0.0) & bool((away > _AWAY_FROM_0_0).any())
     columns = (fixes[name].tolist() for name in ("quality", "satellites", "hdop"))
     inaccurate = np.fmax(fixes["sigma"][:, 0], fixes["sigma"][:, 1]) > SIGMA_MAX_M
     found: list[Refusal | None] = []
-    for k, vague, quality, satellites, hdop in zip(known, inaccurate, *columns, strict=True):
+    for k, zero, vague, quality, satellites, hdop in zip(known, nowhere, inaccurate, *columns, strict=True):
         of_number = _forbidden(
             quality, satellites if satellites >= 0 else None, hdop if math.isfinite(hdop) else None, settings
         )
-        found.append((INACCURATE if vague else of_number) if k else None)
+        found.append((IMPOSSIBLE if zero else INACCURATE if vague else of_number) if k else None)
     return found
 
 

@@ -19,7 +19,8 @@ class Rows:
         self._file.write(np.ascontiguousarray(rows).tobytes())
 
     def array(self) -> Records:
-        """All rows, in the file; so are changes of them."""
-        self._file.flush()
-        count = self._file.tell() // self._kind.itemsize
-        return np.memmap(self._file, self._kind, "r+", shape=(count,)) if count else np.zeros(0, self._kind)
+        """All rows, in the file; so are changes of them. After that none can be written."""
+        with self._file as file:
+            file.flush()
+            count = file.tell() // self._kind.itemsize
+            return np.memmap(file, self._kind, "r+", shape=(count,)) if count else np.zeros(0, self._kind)

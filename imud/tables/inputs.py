@@ -31,7 +31,7 @@ _FARTHEST_S = 2.0  # between samples
 _LIMITS = {
     **{"lat_deg": (-90.0, 90.0), "lon_deg": (-360.0, 360.0), "height_m": (-HEIGHT_MAX_M, HEIGHT_MAX_M)},
     **{"quality": (-1.0, 99.0), "satellites": (-1.0, 999.0)},
-    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
+    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps", "speed_mps"), (-SPEED_MAX_MPS, SPEED_MAX_MPS)),
 }
 _MCAP = b"\x89MCAP0\r\n"
 IMU_COLUMNS = ("t_s", "gx_radps", "gy_radps", "gz_radps", "ax_mps2", "ay_mps2", "az_mps2")
@@ -239,6 +239,9 @@ def checked_fix(where: str, fix: dict[str, float]) -> dict[str, float]:
             raise ValueError(f"{where}: {name} is {fix[name]}, outside {low} to {high}{question}")
     if math.isnan(fix["t_s"]):
         raise ValueError(f"{where}: t_s is empty")
+    for name, other in (("vn_mps", "ve_mps"), ("ve_mps", "vn_mps")):
+        if math.isnan(fix.get(name, math.nan)) and not math.isnan(fix.get(other, math.nan)):
+            raise ValueError(f"{where}: {other} without {name}")
     if fix.get("arrival_s", math.nan) < fix["t_s"] - _EARLY_S:
         raise ValueError(f"{where}: arrival_s is {fix['arrival_s']:.3f}, before t_s, which is {fix['t_s']:.3f}")
     return fix

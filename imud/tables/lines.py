@@ -59,6 +59,7 @@ class Table:
         """Where these columns are. Raises BadDataError."""
         if missing := [name for name in wanted if name not in self.names]:
             where, must, has = f"{self.path} line {self.header}", ", ".join(wanted), ", ".join(self.names)
+            must += " (separated by commas, semicolons or tabs)" * (len(self.names) == 1)
             if "\N{REPLACEMENT CHARACTER}" in has or not has.isprintable():
                 raise BadDataError(f"{self.path}: not a text, so no table and no NMEA log either")
             seen = textwrap.shorten(has, _SHOWN, placeholder=" …")

@@ -5,6 +5,7 @@ Any number of readers wait for what is newer than they have seen: a slow one mis
 
 import asyncio
 import json
+import os
 from typing import Any, NamedTuple
 
 from ...outputs.addresses import Address
@@ -66,7 +67,7 @@ class Bridge:
                 await self._session()
                 why = "it ended the connection"
             except OSError as error:
-                why = (error.strerror or str(error)).lower()
+                why = (os.strerror(error.errno) if error.errno else str(error)).lower()  # asyncio's has a tuple in it
             except NotADaemonError as error:
                 why = str(error)
             self._messages.clear()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imud.drivers.sample import NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
+from imud.drivers.sample import LIMITED_FORCE, NO_FORCE, NO_RATE, POWER_ON, RECONNECTED
 
 from ...compile.jit import kernel
 from ..tuning import Tunable
@@ -95,7 +95,7 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     if reconnected:
         check_attitude(p, c, gap_s, sample.flags & POWER_ON != 0)
     inflate_covariance(p, c, sample, dt)
-    if incomplete:
+    if incomplete or sample.flags & LIMITED_FORCE:  # its mean force shows no direction of gravity
         clear_window(c)
     if c.imu.outage_s[RATES] > p.tuning.max_gyro_outage_s and sample.flags & NO_RATE:
         change_mode(p, c, ATTITUDE_LOST)

@@ -1,11 +1,14 @@
 """The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
 
+import errno
 import json
 import os
 import re
 import shutil
 import signal
+import socket
 import time
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -23,23 +26,50 @@ from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
 from imud.recording.messages import TABLES
-from imud.recording.protocol import MessageKind
+from imud.recording.protocol import HEADER, MessageKind
 from imud.recording.recorder import Recorder
-from imud.recording.writer import RecordingWriter
+from imud.recording.writer import RecordingWriter, main
 
 
 def settings(path, **record):
     return Settings(record=Record(path=str(path), **record), ports=("/dev/a", "/dev/b"))
 
 
-def writer(path, messages=None, **record):
-    start = {
+def start_of(path, **record):
+    return {
         "record": msgspec.to_builtins(settings(path, **record).record),
         "facts": {"session": "s", "version": "1"},
         "ports": ["/dev/a"],
         "settings": msgspec.to_builtins(settings(path)),
     }
+
+
+def writer(path, messages=None, **record):
+    start = start_of(path, **record)
     return RecordingWriter(start, (lambda *line: messages.append(line)) if messages is not None else lambda *line: None)
+
+
+@pytest.mark.parametrize("refused", ["sched_setscheduler", "nice"])
+def test_a_system_that_refuses_a_lower_priority_keeps_no_recording_from_its_file(tmp_path, monkeypatch, refused):
+    """As the filter of system calls does in the unit file."""
+    called = []
+
+    def lower(name, *_):
+        called.append(name)
+        if name == refused:
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    for name in ("sched_setscheduler", "nice"):
+        monkeypatch.setattr(os, name, partial(lower, name))
+    start = msgspec.json.encode(start_of(tmp_path / "drive.mcap"))
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        ours.send(HEADER.pack(MessageKind.START, 0, 0, len(start), 0) + start)
+        ours.shutdown(socket.SHUT_WR)
+        main(theirs.detach())
+    assert called == ["sched_setscheduler", "nice"]
+    assert (tmp_path / "drive.mcap").stat().st_size > 0
 
 
 def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see_it(tmp_path):

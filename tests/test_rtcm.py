@@ -1,6 +1,5 @@
 """Data of an RTK base for the receiver (`--rtcm`): whole frames alone, from a server or a file. Oracle: pyrtcm."""
 
-import contextlib
 import os
 import socket
 import sys
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 from pyrtcm import calc_crc24q
 
 from imud.daemon.corrections import STALE_NS, Corrections
+from imud.daemon.port_states import PortState
 from imud.daemon.ports import Port
 from imud.drivers.driver import Options
 from imud.drivers.errors import PortLostError
@@ -221,21 +221,27 @@ def test_the_age_is_that_of_the_last_frame(tmp_path):
 def test_only_receivers_that_may_be_written_to_get_them(path, readonly, written):
     sent = []
     port = SimpleNamespace(
-        options=Options(readonly=readonly), spec=PortSpec.parse(path), line=SimpleNamespace(write=sent.append)
+        options=Options(readonly=readonly), spec=PortSpec.parse(path), _line=SimpleNamespace(write=sent.append)
     )
     Port.forward(port, STATION)
     assert sent == [STATION] * written
 
 
-def test_a_line_that_is_lost_meanwhile_is_opened_anew():
-    lost = []
+def test_a_line_that_is_lost_between_two_frames_is_opened_anew_and_takes_none_of_the_others(tmp_path):
+    """As of a receiver that is unplugged."""
+    (tmp_path / "base.rtcm").write_bytes(3 * STATION)
+    corrections, tried = Corrections(str(tmp_path / "base.rtcm")), []
 
     def fail(data):
+        tried.append(data)
         raise PortLostError("/dev/a", "it went away")
 
-    port = SimpleNamespace(
-        options=Options(), spec=PortSpec.parse("/dev/a"), line=SimpleNamespace(write=fail), lost=lost.append
-    )
-    with contextlib.suppress(AssertionError):
-        Port.forward(port, STATION)
-    assert lost == ["it went away"]
+    owner = SimpleNamespace(unwatch=lambda fd: None, disconnected=lambda port: None)
+    port = Port(PortSpec.parse("/dev/a"), Options(), owner, wait=True)
+    port.state, port.configured = PortState.STREAMING, object()
+    port._line = SimpleNamespace(fd=-1, write=fail, close=lambda: None)
+    corrections.forward(SECOND, port.forward)
+    assert (tried, port.fd) == ([STATION], -1)
+    assert "it went away; trying again" in port.description
+    assert corrections.properties(SECOND)["forwarded"] == 0
+    corrections.close()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from imud.drivers.rtcm import RtcmFramer
-from imud.drivers.transport.tcp import connect
+from imud.drivers.transport.tcp import connect, skip_address
 
 from ..errors import ConfigError
 from ..process.log import get_logger
@@ -127,6 +127,8 @@ class Corrections:
         return True
 
     def _close_and_retry(self, why: str, now_ns: int) -> None:
+        if self._socket is not None and self._address is not None and self._frame_ns != self._last_ns:
+            skip_address(*self._address)  # no frame has come since it was opened
         with contextlib.suppress(OSError):
             self.close()
         self._set_state(f"no data of the base: {why}; trying again")

@@ -152,11 +152,40 @@ def test_a_caster_of_ntrip_is_said_to_send_no_frames():
 
 
 def test_a_silent_source_is_opened_anew(tmp_path):
-    (tmp_path / "base").write_bytes(b"")
+    os.mkfifo(tmp_path / "base")
     corrections = Corrections(str(tmp_path / "base"))
     corrections.read(SECOND)
     corrections.read(2 * SECOND + STALE_NS)
-    assert "nothing comes" in corrections.properties(0)["state"]
+    assert "nothing comes; trying again" in corrections.properties(0)["state"]
+    corrections.close()
+
+
+def test_a_file_that_pauses_is_read_on_and_another_one_in_its_place_from_its_beginning(tmp_path):
+    """Opened anew, it would send its old corrections again."""
+    path, other = tmp_path / "base.rtcm", tmp_path / "other.rtcm"
+    path.write_bytes(3 * STATION)
+    corrections, now_ns = Corrections(str(path)), SECOND
+    assert corrections.read(now_ns) == 3 * [STATION]
+
+    def pause():
+        nonlocal now_ns
+        for _ in range(3):
+            now_ns += SECOND + STALE_NS
+            yield from corrections.read(now_ns)
+
+    assert list(pause()) == []
+    assert corrections.properties(now_ns)["state"] == "no data of the base: nothing comes"
+    with path.open("ab") as file:
+        file.write(STATION)
+    assert list(pause()) == [STATION]
+    path.write_bytes(2 * STATION)  # begun anew
+    assert list(pause()) == 2 * [STATION]
+    other.write_bytes(5 * STATION)
+    other.rename(path)
+    assert list(pause()) == 5 * [STATION]
+    path.unlink()
+    assert list(pause()) == []
+    assert "No such file" in corrections.properties(now_ns)["state"]
     corrections.close()
 
 

@@ -130,6 +130,24 @@ def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
             assert not sender.send("HDG", heading=12.5)
 
 
+def test_a_sender_looks_a_name_up_once_whatever_kind_of_address_it_has(monkeypatch):
+    asked = []
+
+    def look_up(host, port, **_):
+        asked.append(host)
+        return [(socket.AF_INET6, socket.SOCK_STREAM, 0, "", ("::1", port, 0, 0))]
+
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as listening:
+        listening.bind(("::1", 0))
+        listening.settimeout(30.0)
+        monkeypatch.setattr(socket, "getaddrinfo", look_up)
+        with AidingSender(f"navigation.example:{listening.getsockname()[1]}") as sender:
+            for heading in (1.5, 2.5):
+                assert sender.send("HDG", heading=heading)
+                assert json.loads(listening.recv(1000)) == {"class": "HDG", "heading": heading}
+    assert asked == ["navigation.example"]
+
+
 def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):
     with contextlib.closing(AidingSocket(str(tmp_path / "aiding"), select.poll())) as listening:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:

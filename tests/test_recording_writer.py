@@ -155,6 +155,32 @@ def test_a_stalled_writer_does_not_delay_the_loop_and_its_gap_is_reported_once(t
     assert len(reads_of(tmp_path / "drive.mcap")) == 400 - recorder.dropped
 
 
+def test_a_message_of_the_writer_may_be_long_and_have_any_bytes(tmp_path):
+    recorder = Recorder(settings(tmp_path / "drive.mcap"))
+    state = {"path": "/" + 5000 * "p", "bytes": 7, "trouble": ""}
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setblocking(False)
+    before, recorder._socket = recorder._socket, ours
+    with ours, theirs:
+        theirs.send(b"state:" + msgspec.json.encode(state))
+        theirs.send(b"info:\xff")
+        assert recorder.tick() == [("info", "\N{REPLACEMENT CHARACTER}")]
+    assert recorder.state == state
+    recorder._socket = before
+    recorder.close()
+
+
+def test_a_writer_that_cannot_be_started_is_a_message_and_leaves_nothing_open(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("subprocess.Popen", fail)
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    with pytest.raises(CannotCreateError, match=r"cannot record to .*drive\.mcap: its writer does not start"):
+        Recorder(settings(tmp_path / "drive.mcap"))
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) == before
+
+
 def test_the_death_of_a_writer_is_reported_and_does_no_harm(tmp_path):
     recorder = Recorder(settings(tmp_path / "drive.mcap"))
     recorder._process.kill()

@@ -4,6 +4,7 @@ import errno
 import itertools
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,6 +197,19 @@ def test_devices_that_cannot_be_opened(kernel, monkeypatch, number, kind, says):
     monkeypatch.setattr(iio.os, "open", refuse)
     with pytest.raises(kind, match=says):
         open_line(PortSpec.parse("iio:bmi160"))
+
+
+def test_too_many_open_descriptors_leave_nothing_open(kernel, monkeypatch):
+    kernel("bmi160")
+
+    def refuse():
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("select.epoll", refuse)
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    with pytest.raises(NotSerialError, match="iio:bmi160 cannot be used: Too many open files"):
+        open_line(PortSpec.parse("iio:bmi160"))
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) == before
 
 
 def test_a_device_that_is_removed_while_it_streams(kernel, monkeypatch):

@@ -8,7 +8,15 @@ import contextlib
 import select
 from typing import Any
 
-from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortLostError, PortSupportError
+from ..errors import (
+    NotSerialError,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortError,
+    PortLostError,
+    PortSupportError,
+)
 from .reasons import ABSENT, BUSY, DENIED, reason
 
 REMEDY = "pip install 'imud[spi]'"

@@ -82,6 +82,17 @@ def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_
     assert why in refused
 
 
+@pytest.mark.parametrize(
+    "line",
+    ['{"class":"' + "X" * 4000 + '"}', '{"class":"HDG","heading":1' + "".join(f',"x{i}":1' for i in range(500)) + "}"],
+)
+def test_the_text_of_what_is_refused_is_short_whatever_is_sent(line):
+    receiver = DatagramDecoder()
+    assert decoded(receiver, line) == []
+    assert len(receiver.properties(NOW_NS)["last_refused"]) < 300
+    assert all(len(text) < 350 for text in receiver.messages)
+
+
 def test_bytes_of_any_kind_raise_nothing():
     receiver, rng = DatagramDecoder(), np.random.default_rng(1)
     for _ in range(300):

@@ -177,11 +177,15 @@ def test_a_device_that_does_not_deliver_says_why(kernel):
     line.close()
 
 
-def test_refused_attributes_are_reported(kernel, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "remedy"), [("Permission denied", "udev rule"), ("Read-only file system", "ProtectKernelTunables=no")]
+)
+def test_refused_attributes_are_reported_with_the_remedy(kernel, monkeypatch, error, remedy):
+    """The latter as in a service of systemd."""
     kernel("bmi160")
-    monkeypatch.setattr(iio_sysfs, "write", lambda name, value: "Permission denied")
+    monkeypatch.setattr(iio_sysfs, "write", lambda name, value: error)
     line, found = connect("bmi160")
-    assert isinstance(found, Unsupported) and "udev rule" in found.why
+    assert isinstance(found, Unsupported) and error in found.why and remedy in found.why
     line.close()
 
 

@@ -25,6 +25,7 @@ from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
+from imud.recording.file import RecordingFile
 from imud.recording.messages import TABLES
 from imud.recording.protocol import HEADER, MessageKind
 from imud.recording.recorder import Recorder
@@ -309,6 +310,20 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     assert [raw.data for raw in reads_of(path.with_name("drive.0001.mcap"))] == [b"after"]
     assert [level for level, _ in messages] == ["info", "error", "info"]
     assert "No space left" in messages[1][1]
+
+
+def test_a_pause_is_logged_once_where_the_full_disk_takes_not_even_the_end_of_the_file(tmp_path, monkeypatch):
+    messages = []
+    recording = writer(tmp_path / "drive.mcap", messages, spare_mb=5)
+
+    def fail(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(RecordingFile, "finish", fail)
+    monkeypatch.setattr(parts, "free_bytes", lambda _: 0)
+    recording.commit()
+    [text] = [text for level, text in messages if level == "error"]
+    assert text.startswith("recording pauses: the disk refuses it: No space left")
 
 
 @pytest.mark.parametrize("spare_mb", [0, 3])

@@ -221,7 +221,8 @@ class RecordingWriter:
                 self._log("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
         if why := self._why_full(record.spare_mb):
             self._guard(lambda file: file.finish())
-            self._pause(why)
+            if self._file is not None:
+                self._pause(why)
         elif not file.is_in_place:
             self._log("warning", f"{file.path} was removed or renamed while it was recorded to: it ends here")
             self._begin_next()

@@ -33,7 +33,7 @@ from collections.abc import Iterator, Sequence
 from functools import reduce
 from operator import xor
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 MAGIC: Final = b"IMUD"
 VERSION: Final = 1
@@ -364,22 +364,30 @@ def _states_in(line: bytes) -> dict[str, float] | None:
     return {name: value for name, value in found.items() if isinstance(value, int | float)}
 
 
-def _address(address: str | Path) -> tuple[str | tuple[str, int], socket.AddressFamily]:
-    """Where to send or connect. Raises ValueError for what is no address."""
+def _address(address: str | Path) -> tuple[str | tuple[Any, ...], socket.AddressFamily]:
+    """Where to send or connect; waits for the name server if a host has a name.
+
+    Raises ValueError for what is no address, OSError for a host that there is not.
+    """
     text = str(address).removeprefix("unix:")
     host, colon, port = text.rpartition(":")
     if "/" in text:
         return text, socket.AF_UNIX
     if colon and port.isdecimal() and int(port) < 1 << 16:
-        return (host.strip("[]"), int(port)), socket.AF_INET6 if ":" in host else socket.AF_INET
+        found = socket.getaddrinfo(host.strip("[]") or None, int(port), type=socket.SOCK_STREAM)
+        found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # as the daemon, where `localhost` is 127.0.0.1
+        return found[0][4], found[0][0]
     raise ValueError(f"{text!r} is no address: it must be /path or HOST:PORT")
 
 
 class AidingSender:
-    """Sends measurements to the daemon whose `aiding.listen` is `address`: a path, or HOST:PORT. Never waits."""
+    """Sends measurements to the daemon whose `aiding.listen` is `address`: /PATH or HOST:PORT. Sending never waits."""
 
     def __init__(self, address: str | Path) -> None:
-        """Raises ValueError for what is no address. The daemon need not run yet."""
+        """Looks a host's name up, once. The daemon need not run yet.
+
+        Raises ValueError for what is no address, OSError for a host that there is not.
+        """
         self._where, family = _address(address)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)

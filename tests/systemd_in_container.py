@@ -25,8 +25,10 @@ HERE = Path(__file__).resolve().parents[1]
 PACKAGES = "systemd,systemd-sysv,dbus,python3,libpython3.11-stdlib"
 UNIT, FILE, IMPOSSIBLE = "imud@front.service", "/etc/imud/front.toml", 3
 SENSORS = "/run/sensor/imu", "/run/sensor/gnss"
+RECORDING = "/var/lib/imud/drive.mcap"
 EXPOSURE_MAX = 1.2
 START_S, WATCHDOG_S = 120.0, 30.0
+RECORDED_BYTES = 100_000  # of a file that grows: some seconds of the sensor
 LASTED_S = 1.0  # so long after it became valid the log says so (`imud/daemon/change_logger.py`)
 PROGRAM = "#!/opt/imud/bin/python\nimport sys\nfrom imud.__main__ import main\nsys.exit(main())\n"
 
@@ -143,12 +145,19 @@ def install(machine: Machine) -> None:
     ports = (item for path in SENSORS for item in ("--port", path))
     print(machine.run("/opt/imud/bin/imud", "install-service", "front", *ports, "--yes"))
     machine.run("sed", "-i", '1i initial = "yaw_deg=40"', FILE)
+    machine.run("sed", "-i", f'/^.record.  /,/path/s|^# path = ""|path = "{RECORDING}"|', FILE)
     machine.run("systemctl", "restart", UNIT)
 
 
 def streams(machine: Machine) -> bool:
     """The daemon says that the sensor does."""
     return '"streaming": true' in machine.run("/opt/imud/bin/imud", "status", "--json", check=False)
+
+
+def size_of_newest_recording(machine: Machine) -> int:
+    """In bytes; each run of the daemon records to a file of its own."""
+    newest = machine.run("sh", "-c", f"ls -t {RECORDING.replace('.', '*.')} | head -n 1").strip()
+    return int(machine.run("stat", "-L", "-c", "%s", newest)) if newest else 0
 
 
 def try_restarts(machine: Machine) -> None:
@@ -172,6 +181,8 @@ def try_service(machine: Machine) -> None:
     assert machine.property("StatusText"), "STATUS was never said"
     print(f"ok: systemctl status says {machine.property('StatusText')!r}")
     assert machine.property("CPUWeight") == "1000"
+    machine.until("a recording grows", lambda: size_of_newest_recording(machine) > RECORDED_BYTES)
+    assert "the recording ended" not in machine.journal(), machine.journal()
     first = machine.property("MainPID")
 
     machine.run("sed", "-i", r"s/^#* *rate_hz = 10.0.*/rate_hz = 5.0/", FILE)

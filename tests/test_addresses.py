@@ -1,17 +1,20 @@
 """Addresses to listen on: as users write them, which are safe, and who holds one that is taken."""
 
+import contextlib
 import os
 import re
 import select
 import socket
 import stat
+import subprocess
+import sys
 
 import pytest
 from gpsd_loop import WATCH, Client
 
 from imud.configuration.settings import Gpsd
 from imud.errors import CannotCreateError, ConfigError, PermissionDeniedError
-from imud.outputs.addresses import AddressInUseError, holder_of, is_local, parse_address
+from imud.outputs.addresses import AddressInUseError, holder_of, is_local, listen, parse_address
 from imud.outputs.gpsd import GpsdServer
 
 
@@ -59,6 +62,30 @@ def test_an_address_in_use_names_the_holder(loop):
     with pytest.raises(AddressInUseError, match=rf"127\.0\.0\.1:\d+: in use by .* \(pid {os.getpid()}\)"):
         GpsdServer(Gpsd(listen=loop.server.addresses[0]), select.poll())
     assert AddressInUseError.exit_code == 73
+
+
+def test_an_address_of_datagrams_in_use_names_the_holder_and_not_that_of_the_same_tcp_port():
+    """A TCP listener of another process has the same number."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+        ours.bind(("127.0.0.1", 0))
+        address = parse_address(f"127.0.0.1:{ours.getsockname()[1]}", 0)
+        with listener(address.where) as other:
+            assert holder_of(address).endswith(f"(pid {other})")
+            with pytest.raises(AddressInUseError, match=rf"in use by .* \(pid {os.getpid()}\)"):
+                listen(address, socket.SOCK_DGRAM)
+
+
+@contextlib.contextmanager
+def listener(where):
+    """A process that listens; its number."""
+    script = f"import socket; listening = socket.create_server({where!r}); print(flush=True); input()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", script], **pipes) as process:
+        assert process.stdout.readline()
+        try:
+            yield process.pid
+        finally:
+            process.communicate(b"\n")
 
 
 def test_nobody_holds_a_free_port(loop):

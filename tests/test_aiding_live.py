@@ -82,6 +82,17 @@ def test_a_line_that_cannot_be_used_is_counted_and_told_once_and_the_others_are_
     assert why in refused
 
 
+@pytest.mark.parametrize(
+    "line",
+    ['{"class":"' + "X" * 4000 + '"}', '{"class":"HDG","heading":1' + "".join(f',"x{i}":1' for i in range(500)) + "}"],
+)
+def test_the_text_of_what_is_refused_is_short_whatever_is_sent(line):
+    receiver = DatagramDecoder()
+    assert decoded(receiver, line) == []
+    assert len(receiver.properties(NOW_NS)["last_refused"]) < 300
+    assert all(len(text) < 350 for text in receiver.messages)
+
+
 def test_bytes_of_any_kind_raise_nothing():
     receiver, rng = DatagramDecoder(), np.random.default_rng(1)
     for _ in range(300):
@@ -128,6 +139,24 @@ def test_the_sender_reaches_the_socket_and_survives_without_it(udp, tmp_path):
         listening.close()
         if not udp:
             assert not sender.send("HDG", heading=12.5)
+
+
+def test_a_sender_looks_a_name_up_once_whatever_kind_of_address_it_has(monkeypatch):
+    asked = []
+
+    def look_up(host, port, **_):
+        asked.append(host)
+        return [(socket.AF_INET6, socket.SOCK_STREAM, 0, "", ("::1", port, 0, 0))]
+
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as listening:
+        listening.bind(("::1", 0))
+        listening.settimeout(30.0)
+        monkeypatch.setattr(socket, "getaddrinfo", look_up)
+        with AidingSender(f"navigation.example:{listening.getsockname()[1]}") as sender:
+            for heading in (1.5, 2.5):
+                assert sender.send("HDG", heading=heading)
+                assert json.loads(listening.recv(1000)) == {"class": "HDG", "heading": heading}
+    assert asked == ["navigation.example"]
 
 
 def test_a_flood_of_datagrams_full_of_lines_is_read_in_small_pieces(tmp_path):

@@ -145,6 +145,20 @@ def outputs(tmp_path):
     made.close()
 
 
+def test_a_listener_that_paused_before_any_client_was_there_accepts_the_next_one(outputs, monkeypatch):
+    """As after a lack of memory or of file descriptors."""
+    gpsd = outputs.gpsd
+    listener = next(iter(gpsd._listeners._sockets))
+    host, _, port = gpsd.addresses[0].rpartition(":")
+    with socket.create_connection((host, int(port))):
+        monkeypatch.setattr(gpsd, "_accept", broken)
+        outputs.on_event(listener, select.POLLIN, 10 * SECOND)
+        monkeypatch.undo()
+        assert (listener, select.POLLIN) not in gpsd._poller.poll(0)
+        outputs.tick(12 * SECOND)
+        assert (listener, select.POLLIN) in gpsd._poller.poll(10_000)
+
+
 def test_an_output_that_fails_does_not_keep_the_view_from_the_others(outputs, monkeypatch):
     shown = []
     gpsd, nmea = outputs._view_outputs

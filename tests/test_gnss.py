@@ -306,7 +306,7 @@ class FixedPulse:
     def __init__(self, pulse_ns):
         self.pulse_ns = pulse_ns
 
-    def newest_ns(self, now_ns):
+    def newest_ns(self):
         return self.pulse_ns
 
 

@@ -251,15 +251,6 @@ def test_a_watching_client_may_be_silent_for_ever(loop):
     assert loop.server.clients == 1
 
 
-def test_deadlines_exist_only_while_there_are_clients(loop):
-    assert loop.server.next_deadline() is None
-    client = loop.connect()
-    assert loop.now < loop.server.next_deadline() <= loop.now + SECOND
-    client.sock.close()
-    loop.turn()
-    assert loop.server.next_deadline() is None
-
-
 def test_a_reset_connection_is_forgotten(loop):
     client = loop.connect(WATCH)
     client.sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

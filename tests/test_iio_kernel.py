@@ -4,6 +4,7 @@ import errno
 import itertools
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,11 +177,15 @@ def test_a_device_that_does_not_deliver_says_why(kernel):
     line.close()
 
 
-def test_refused_attributes_are_reported(kernel, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "remedy"), [("Permission denied", "udev rule"), ("Read-only file system", "ProtectKernelTunables=no")]
+)
+def test_refused_attributes_are_reported_with_the_remedy(kernel, monkeypatch, error, remedy):
+    """The latter as in a service of systemd."""
     kernel("bmi160")
-    monkeypatch.setattr(iio_sysfs, "write", lambda name, value: "Permission denied")
+    monkeypatch.setattr(iio_sysfs, "write", lambda name, value: error)
     line, found = connect("bmi160")
-    assert isinstance(found, Unsupported) and "udev rule" in found.why
+    assert isinstance(found, Unsupported) and error in found.why and remedy in found.why
     line.close()
 
 
@@ -196,6 +201,19 @@ def test_devices_that_cannot_be_opened(kernel, monkeypatch, number, kind, says):
     monkeypatch.setattr(iio.os, "open", refuse)
     with pytest.raises(kind, match=says):
         open_line(PortSpec.parse("iio:bmi160"))
+
+
+def test_too_many_open_descriptors_leave_nothing_open(kernel, monkeypatch):
+    kernel("bmi160")
+
+    def refuse():
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr("select.epoll", refuse)
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    with pytest.raises(NotSerialError, match="iio:bmi160 cannot be used: Too many open files"):
+        open_line(PortSpec.parse("iio:bmi160"))
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) == before
 
 
 def test_a_device_that_is_removed_while_it_streams(kernel, monkeypatch):

@@ -99,6 +99,22 @@ def test_a_reading_that_fails_now_and_then_costs_itself_only(sysfs, monkeypatch)
         reader.close()
 
 
+def test_a_defect_does_not_end_the_reader_but_is_reported(sysfs, monkeypatch):
+    def fail(sensor):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(PolledSensor, "read", fail)
+    reader = IioReader(("bmp280",), 50.0, select.poll())
+    try:
+        end = time.monotonic() + 30.0
+        while not reader.messages and reader._thread.is_alive() and time.monotonic() < end:
+            time.sleep(0.01)
+        assert list(reader.messages) == ["iio:bmp280 cannot be read: ZeroDivisionError()"]
+        assert reader._thread.is_alive()
+    finally:
+        reader.close()
+
+
 def test_one_that_is_not_there_names_those_that_are():
     with pytest.raises(PortAbsentError, match=r"'bmp388'; there are: bmp280 \(iio:device0, barometer\)"):
         find_polled("bmp388")

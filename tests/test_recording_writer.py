@@ -1,11 +1,14 @@
 """The writing of recordings: nothing is lost but what must be, nobody waits, and other people's readers agree."""
 
+import errno
 import json
 import os
 import re
 import shutil
 import signal
+import socket
 import time
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -22,24 +25,52 @@ from imud.drivers.errors import CaptureError
 from imud.errors import CannotCreateError
 from imud.estimators.records import INNOVATION, SOLUTION
 from imud.recording import parts
+from imud.recording.file import RecordingFile
 from imud.recording.messages import TABLES
-from imud.recording.protocol import MessageKind
+from imud.recording.protocol import HEADER, MessageKind
 from imud.recording.recorder import Recorder
-from imud.recording.writer import RecordingWriter
+from imud.recording.writer import RecordingWriter, main
 
 
 def settings(path, **record):
     return Settings(record=Record(path=str(path), **record), ports=("/dev/a", "/dev/b"))
 
 
-def writer(path, messages=None, **record):
-    start = {
+def start_of(path, **record):
+    return {
         "record": msgspec.to_builtins(settings(path, **record).record),
         "facts": {"session": "s", "version": "1"},
         "ports": ["/dev/a"],
         "settings": msgspec.to_builtins(settings(path)),
     }
+
+
+def writer(path, messages=None, **record):
+    start = start_of(path, **record)
     return RecordingWriter(start, (lambda *line: messages.append(line)) if messages is not None else lambda *line: None)
+
+
+@pytest.mark.parametrize("refused", ["sched_setscheduler", "nice"])
+def test_a_system_that_refuses_a_lower_priority_keeps_no_recording_from_its_file(tmp_path, monkeypatch, refused):
+    """As the filter of system calls does in the unit file."""
+    called = []
+
+    def lower(name, *_):
+        called.append(name)
+        if name == refused:
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    for name in ("sched_setscheduler", "nice"):
+        monkeypatch.setattr(os, name, partial(lower, name))
+    start = msgspec.json.encode(start_of(tmp_path / "drive.mcap"))
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        ours.send(HEADER.pack(MessageKind.START, 0, 0, len(start), 0) + start)
+        ours.shutdown(socket.SHUT_WR)
+        main(theirs.detach())
+    assert called == ["sched_setscheduler", "nice"]
+    assert (tmp_path / "drive.mcap").stat().st_size > 0
 
 
 def test_what_is_read_from_ports_reaches_the_file_in_order_and_other_readers_see_it(tmp_path):
@@ -123,6 +154,32 @@ def test_a_stalled_writer_does_not_delay_the_loop_and_its_gap_is_reported_once(t
         messages = [text for level, text in recorder.tick() if "whole again" in text]
     recorder.close()
     assert len(reads_of(tmp_path / "drive.mcap")) == 400 - recorder.dropped
+
+
+def test_a_message_of_the_writer_may_be_long_and_have_any_bytes(tmp_path):
+    recorder = Recorder(settings(tmp_path / "drive.mcap"))
+    state = {"path": "/" + 5000 * "p", "bytes": 7, "trouble": ""}
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setblocking(False)
+    before, recorder._socket = recorder._socket, ours
+    with ours, theirs:
+        theirs.send(b"state:" + msgspec.json.encode(state))
+        theirs.send(b"info:\xff")
+        assert recorder.tick() == [("info", "\N{REPLACEMENT CHARACTER}")]
+    assert recorder.state == state
+    recorder._socket = before
+    recorder.close()
+
+
+def test_a_writer_that_cannot_be_started_is_a_message_and_leaves_nothing_open(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("subprocess.Popen", fail)
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    with pytest.raises(CannotCreateError, match=r"cannot record to .*drive\.mcap: its writer does not start"):
+        Recorder(settings(tmp_path / "drive.mcap"))
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) == before
 
 
 def test_the_death_of_a_writer_is_reported_and_does_no_harm(tmp_path):
@@ -253,6 +310,20 @@ def test_a_full_disk_pauses_the_recording_until_there_is_space(tmp_path, monkeyp
     assert [raw.data for raw in reads_of(path.with_name("drive.0001.mcap"))] == [b"after"]
     assert [level for level, _ in messages] == ["info", "error", "info"]
     assert "No space left" in messages[1][1]
+
+
+def test_a_pause_is_logged_once_where_the_full_disk_takes_not_even_the_end_of_the_file(tmp_path, monkeypatch):
+    messages = []
+    recording = writer(tmp_path / "drive.mcap", messages, spare_mb=5)
+
+    def fail(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(RecordingFile, "finish", fail)
+    monkeypatch.setattr(parts, "free_bytes", lambda _: 0)
+    recording.commit()
+    [text] = [text for level, text in messages if level == "error"]
+    assert text.startswith("recording pauses: the disk refuses it: No space left")
 
 
 @pytest.mark.parametrize("spare_mb", [0, 3])

@@ -1,6 +1,5 @@
 """Data of an RTK base for the receiver (`--rtcm`): whole frames alone, from a server or a file. Oracle: pyrtcm."""
 
-import contextlib
 import os
 import socket
 import sys
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 from pyrtcm import calc_crc24q
 
 from imud.daemon.corrections import STALE_NS, Corrections
+from imud.daemon.port_states import PortState
 from imud.daemon.ports import Port
 from imud.drivers.driver import Options
 from imud.drivers.errors import PortLostError
@@ -152,11 +152,40 @@ def test_a_caster_of_ntrip_is_said_to_send_no_frames():
 
 
 def test_a_silent_source_is_opened_anew(tmp_path):
-    (tmp_path / "base").write_bytes(b"")
+    os.mkfifo(tmp_path / "base")
     corrections = Corrections(str(tmp_path / "base"))
     corrections.read(SECOND)
     corrections.read(2 * SECOND + STALE_NS)
-    assert "nothing comes" in corrections.properties(0)["state"]
+    assert "nothing comes; trying again" in corrections.properties(0)["state"]
+    corrections.close()
+
+
+def test_a_file_that_pauses_is_read_on_and_another_one_in_its_place_from_its_beginning(tmp_path):
+    """Opened anew, it would send its old corrections again."""
+    path, other = tmp_path / "base.rtcm", tmp_path / "other.rtcm"
+    path.write_bytes(3 * STATION)
+    corrections, now_ns = Corrections(str(path)), SECOND
+    assert corrections.read(now_ns) == 3 * [STATION]
+
+    def pause():
+        nonlocal now_ns
+        for _ in range(3):
+            now_ns += SECOND + STALE_NS
+            yield from corrections.read(now_ns)
+
+    assert list(pause()) == []
+    assert corrections.properties(now_ns)["state"] == "no data of the base: nothing comes"
+    with path.open("ab") as file:
+        file.write(STATION)
+    assert list(pause()) == [STATION]
+    path.write_bytes(2 * STATION)  # begun anew
+    assert list(pause()) == 2 * [STATION]
+    other.write_bytes(5 * STATION)
+    other.rename(path)
+    assert list(pause()) == 5 * [STATION]
+    path.unlink()
+    assert list(pause()) == []
+    assert "No such file" in corrections.properties(now_ns)["state"]
     corrections.close()
 
 
@@ -221,21 +250,27 @@ def test_the_age_is_that_of_the_last_frame(tmp_path):
 def test_only_receivers_that_may_be_written_to_get_them(path, readonly, written):
     sent = []
     port = SimpleNamespace(
-        options=Options(readonly=readonly), spec=PortSpec.parse(path), line=SimpleNamespace(write=sent.append)
+        options=Options(readonly=readonly), spec=PortSpec.parse(path), _line=SimpleNamespace(write=sent.append)
     )
     Port.forward(port, STATION)
     assert sent == [STATION] * written
 
 
-def test_a_line_that_is_lost_meanwhile_is_opened_anew():
-    lost = []
+def test_a_line_that_is_lost_between_two_frames_is_opened_anew_and_takes_none_of_the_others(tmp_path):
+    """As of a receiver that is unplugged."""
+    (tmp_path / "base.rtcm").write_bytes(3 * STATION)
+    corrections, tried = Corrections(str(tmp_path / "base.rtcm")), []
 
     def fail(data):
+        tried.append(data)
         raise PortLostError("/dev/a", "it went away")
 
-    port = SimpleNamespace(
-        options=Options(), spec=PortSpec.parse("/dev/a"), line=SimpleNamespace(write=fail), lost=lost.append
-    )
-    with contextlib.suppress(AssertionError):
-        Port.forward(port, STATION)
-    assert lost == ["it went away"]
+    owner = SimpleNamespace(unwatch=lambda fd: None, disconnected=lambda port: None)
+    port = Port(PortSpec.parse("/dev/a"), Options(), owner, wait=True)
+    port.state, port.configured = PortState.STREAMING, object()
+    port._line = SimpleNamespace(fd=-1, write=fail, close=lambda: None)
+    corrections.forward(SECOND, port.forward)
+    assert (tried, port.fd) == ([STATION], -1)
+    assert "it went away; trying again" in port.description
+    assert corrections.properties(SECOND)["forwarded"] == 0
+    corrections.close()

@@ -3,6 +3,7 @@
 import errno
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from fake_spi import SpiDev, stand_ins
@@ -67,6 +68,18 @@ def test_gpiod_of_the_first_generation_is_missing_too(monkeypatch):
     monkeypatch.delattr(sys.modules["gpiod"], "LineSettings")
     with pytest.raises(PortSupportError, match="gpiod 2"):
         open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
+
+
+def test_too_many_open_descriptors_leave_nothing_open(modules, monkeypatch):
+    def fail():
+        raise OSError(errno.EMFILE, "x")
+
+    monkeypatch.setattr("select.epoll", fail)
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    with pytest.raises(NotSerialError, match=r"spi:0\.0 cannot be used: Too many open files"):
+        open_line(replace(PortSpec.parse("spi:0.0"), data_ready="gpiochip0:24"))
+    assert (SpiDev.last.closed, modules.released) == (1, True)
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) == before
 
 
 def test_closing_gives_everything_back_once(modules):

@@ -232,6 +232,20 @@ def test_while_samples_are_fetched_answers_are_not_kept(timed):
     assert sample(timed)[0] == NEW + b"\x12\x34"
 
 
+def test_a_data_ready_line_that_fails_is_lost(port, modules, monkeypatch):
+    """As of a GPIO chip on USB that was unplugged."""
+    begin(port)
+
+    def fail():
+        raise OSError(errno.ENODEV, "x")
+
+    monkeypatch.setattr(modules, "read_edge_events", fail)
+    modules.edge(1)
+    SpiDev.script.extend([b"\0\0", NEW, b"\0\0"])
+    with pytest.raises(PortLostError, match="gpiochip0:24 is gone: No such device"):
+        take(port)
+
+
 def test_a_bus_that_fails_is_lost(timed):
     begin(timed)
     SpiDev.trouble = OSError(errno.EIO, "x")

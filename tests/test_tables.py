@@ -177,6 +177,7 @@ FORMS = {
     "BOM and CR LF": lambda text: text.replace("\n", "\r\n").encode("utf-8-sig"),
     "CR alone": lambda text: text.replace("\n", "\r").encode(),
     "gzip": lambda text: gzip.compress(text.encode()),
+    "gzip, then something else": lambda text: gzip.compress(text.encode()) + b"\x1f\x8cpadding of a logger",
     "comments": lambda text: f"# a logger\n# 3; of 4\n{text}".encode(),
     "units below the header": lambda text: text.replace("\n", "\ns,deg/s,deg/s,,m/s^2,m/s^2,g\n", 1).encode(),
     "units and decimal commas": lambda text: (

@@ -2,13 +2,16 @@
 
 import contextlib
 import socket
+import struct
 import threading
 import time
+from collections import Counter
 
 import pytest
+from test_rtcm import STATION
 
 from imud.daemon.corrections import Corrections
-from imud.drivers.errors import PortAbsentError
+from imud.drivers.errors import PortAbsentError, PortLostError
 from imud.drivers.transport import tcp
 from imud.drivers.transport.line import check_port, open_line
 from imud.drivers.transport.portspec import PortSpec
@@ -31,11 +34,12 @@ def name_server(monkeypatch):
             self.answers.wait(60.0)
             if isinstance(self.found, OSError):
                 raise self.found
-            return [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (self.found, port))]
+            return [(socket.AF_INET, socket.SOCK_STREAM, 0, "", (found, port)) for found in self.found.split()]
 
     server = NameServer()
     monkeypatch.setattr(socket, "getaddrinfo", server.look_up)
     monkeypatch.setattr(tcp, "_found", {})
+    monkeypatch.setattr(tcp, "_skipped", Counter())
     yield server
     server.answers.set()
 
@@ -102,6 +106,71 @@ def test_a_server_that_has_moved_is_found_at_its_new_address(name_server, monkey
             until_answered("boat.example", port)
     with socket.create_server(("127.0.0.2", port)), contextlib.closing(open_line(spec)) as line:
         assert line._socket.getpeername()[0] == "127.0.0.2"
+
+
+@pytest.fixture
+def two_addresses(name_server):
+    """The port of a host with two addresses, of which the first one refuses later than at once, as over a network."""
+    name_server.answers.set()
+    name_server.found = "127.0.0.1 127.0.0.2"
+    with socket.create_server(("127.0.0.1", 0)) as first:
+        port = first.getsockname()[1]
+        tcp.look_up("boat.example", port)
+
+        def refuse():
+            client, _ = first.accept()
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
+            client.close()
+
+        with socket.create_server(("127.0.0.2", port)) as second:
+            second.settimeout(30.0)
+            yield port, refuse, second
+
+
+def test_a_port_whose_server_listens_at_the_second_address_only_is_connected_there_from_then_on(two_addresses):
+    port, refuse, server = two_addresses
+    spec = PortSpec.parse(f"gpsd://boat.example:{port}")
+    with contextlib.closing(open_line(spec)) as line:
+        refuse()
+        with pytest.raises(PortLostError, match=r"no gpsd at boat\.example"):
+            read_one(line)
+    for _ in range(2):
+        with contextlib.closing(open_line(spec)) as line:
+            client, _ = server.accept()
+            with client:
+                client.sendall(b"{}")
+                assert read_one(line) == b"{}"
+
+
+def read_one(line):
+    end_s = time.monotonic() + 30.0
+    while not (data := line.read()):
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+    return data
+
+
+def read_until(corrections, state, now_ns):
+    end_s = time.monotonic() + 30.0
+    while not corrections.properties(now_ns)["state"].startswith(state):
+        assert time.monotonic() < end_s
+        corrections.read(now_ns)
+        time.sleep(0.001)
+
+
+def test_so_are_corrections(two_addresses):
+    port, refuse, server = two_addresses
+    corrections = Corrections(f"boat.example:{port}")
+    assert corrections.read(0) == []
+    refuse()
+    for k in (1, 2):
+        read_until(corrections, "no data of the base", 60 * k * SECOND)
+        corrections.read(60 * k * SECOND + 30 * SECOND)
+        client, _ = server.accept()
+        with client:
+            client.sendall(STATION)
+            read_until(corrections, "data of the base come", 60 * k * SECOND + 30 * SECOND)
+    corrections.close()
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 70 + ".example"])

@@ -4,8 +4,10 @@ Its dialogues are lines of text that `transport/iio.py` carries out in sysfs. A 
 left, z up, after the mount matrix that the kernel may have of it.
 """
 
+import errno
 import json
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -22,7 +24,10 @@ from .setup import Commands, NoTriggerError, commands, rate_hz, trigger_of
 ANSWER_S = 2.0
 RATE_S, ENOUGH_SCANS = 1.0, 64  # of listening for the rate
 LEAST_SCANS = 3
-DENIED, RIGHTS = "Permission denied", "be root, or set the udev rule that `imud doctor` prints"
+REMEDIES = {  # of what the system says to an attribute that is set
+    os.strerror(errno.EACCES): "be root, or set the udev rule that `imud doctor` prints",
+    os.strerror(errno.EROFS): "if systemd runs imud: `systemctl edit` its unit, [Service], ProtectKernelTunables=no",
+}
 RATE_TOLERANCE = 0.02  # share by which the measured rate may differ from the one that the kernel reports
 
 
@@ -73,8 +78,9 @@ class Iio:
             if not options.readonly:
                 before, begin = commands(found.devices, found.triggers, options.rate_hz)
                 refused = yield from _set(before)
-                if denied := [name for name, error in refused.items() if error == DENIED]:
-                    return Unsupported(self.name, identity.model, f"{denied[0]} says: {DENIED}; {RIGHTS}")
+                for name, error in refused.items():
+                    if remedy := REMEDIES.get(error):
+                        return Unsupported(self.name, identity.model, f"{name} says: {error}; {remedy}")
                 found = (yield from _listing()) or found
                 layout = layout_of(list(found.devices.values()))
                 refused |= yield from _set(begin)

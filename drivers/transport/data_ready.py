@@ -8,14 +8,22 @@ import contextlib
 import select
 from typing import Any
 
-from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedError, PortError, PortSupportError
+from ..errors import (
+    NotSerialError,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortError,
+    PortLostError,
+    PortSupportError,
+)
 from .reasons import ABSENT, BUSY, DENIED, reason
 
 REMEDY = "pip install 'imud[spi]'"
 
 
 class DataReady:
-    """The requested line. `fd` is readable while edges wait. Raises the errors of `imud.drivers.errors` on opening."""
+    """The requested line. `fd` is readable while edges wait. Raises the errors of `imud.drivers.errors`."""
 
     def __init__(self, line: str) -> None:
         """line: CHIP:LINE, as /dev/gpiochip0:24 or gpiochip0:GPIO24 (offset, or the line's name)."""
@@ -44,7 +52,10 @@ class DataReady:
 
     def _read(self) -> None:
         """Take what the kernel has, without blocking."""
-        events = self._request.read_edge_events() if self._poll.poll(0) else []
+        try:
+            events = self._request.read_edge_events() if self._poll.poll(0) else []
+        except OSError as error:
+            raise PortLostError(self.line, f"the data-ready line {self.line} is gone: {reason(error)}") from error
         if not events:
             return
         if self._next is not None:

@@ -28,7 +28,7 @@ from ..errors import NotSerialError, PortAbsentError, PortBusyError, PortDeniedE
 from . import iio_sysfs as sysfs
 from .portspec import PortSpec
 from .reasons import ABSENT, BUSY, DENIED, reason
-from .timer import Timer
+from .timer import timer_and_epoll
 
 CHUNK = 65536
 STAMP_BYTES = 8
@@ -85,16 +85,15 @@ class IioPort:
         self.path = spec.path
         self._folders = sysfs.find(spec.path, spec.iio)
         self._buffers: list[_Buffer] = []
-        try:
+        with contextlib.ExitStack() as opened:
             for number, folder in enumerate(self._folders):
-                self._buffers.append(_Buffer(folder, number))
-        except OSError as error:
-            for buffer in self._buffers:
-                buffer.close()
-            raise _refusal(self.path, self._folders[len(self._buffers)], error) from error
-        self._timer = Timer()
-        self._epoll = select.epoll()
-        self._epoll.register(self._timer.fd, select.EPOLLIN)
+                try:
+                    self._buffers.append(_Buffer(folder, number))
+                except OSError as error:
+                    raise _refusal(self.path, folder, error) from error
+                opened.callback(self._buffers[-1].close)
+            self._timer, self._epoll = timer_and_epoll(self.path)
+            opened.pop_all()
         self.fd: int = self._epoll.fileno()  # readable when an answer, or scans, are there
         self._answers = bytearray()
         self._streaming = self._monotonic = False

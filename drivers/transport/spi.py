@@ -19,7 +19,7 @@ from .data_ready import REMEDY, DataReady
 from .holders import holders
 from .portspec import PortSpec
 from .reasons import ABSENT, DENIED, reason
-from .timer import Timer
+from .timer import timer_and_epoll
 
 BITS = 8  # a word is sent as two bytes
 ADVANCE = 256  # each sample is fetched one 256th of a period earlier than the last
@@ -38,14 +38,13 @@ class SpiPort:
         self.path = spec.path
         self._device = _open(spec)
         self._edges: DataReady | None = None
-        try:
-            self._edges = DataReady(spec.data_ready) if spec.data_ready else None
-        except BaseException:
-            self._device.close()
-            raise
-        self._timer = Timer()
-        self._epoll = select.epoll()
-        self._epoll.register(self._timer.fd, select.EPOLLIN)
+        with contextlib.ExitStack() as opened:
+            opened.callback(self._device.close)
+            if spec.data_ready:
+                self._edges = DataReady(spec.data_ready)
+                opened.callback(self._edges.close)
+            self._timer, self._epoll = timer_and_epoll(self.path)
+            opened.pop_all()
         self.fd: int = self._epoll.fileno()  # readable when answers wait, or when a sample is due
         self._bus = Bus(0, 0, 0)
         self._fetch: Fetch | None = None

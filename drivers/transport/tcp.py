@@ -1,4 +1,4 @@
-"""A connection to a gpsd: `gpsd://HOST[:PORT][/DEVICE]`. Neither connecting nor reading ever blocks."""
+"""Connections over TCP: to a gpsd (`gpsd://HOST[:PORT][/DEVICE]`), to a base of corrections. Nothing ever blocks."""
 
 import _thread
 import contextlib
@@ -7,6 +7,7 @@ import math
 import os
 import socket
 import time
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +20,7 @@ Addresses = list[tuple[int, Any]]  # families and addresses of a host
 
 _found: dict[tuple[str, int], tuple[float, Addresses | OSError]] = {}  # by host and port, and when
 _asked: set[tuple[str, int]] = set()  # whose addresses a thread looks up
+_skipped = Counter[tuple[str, int]]()  # connections that brought nothing, by host and port
 
 
 def _resolve(host: str, port: int, flags: int = 0) -> Addresses:
@@ -77,12 +79,19 @@ def connect(host: str, port: int) -> socket.socket:
     Raises OSError, BlockingIOError while the host's address is being looked up.
     """
     number = errno.EHOSTUNREACH
-    for family, address in _addresses(host, port):
+    addresses = _addresses(host, port)
+    first = _skipped[host, port] % len(addresses)
+    for family, address in addresses[first:] + addresses[:first]:
         connection, number = _connect(family, address)
         if number == 0:
             return connection
         connection.close()
     raise OSError(number, os.strerror(number))
+
+
+def skip_address(host: str, port: int) -> None:
+    """Begin with the host's next address from now on: a connection brought nothing, and servers may have but one."""
+    _skipped[host, port] += 1
 
 
 class TcpPort(DescriptorPort):
@@ -97,7 +106,7 @@ class TcpPort(DescriptorPort):
     def __init__(self, spec: PortSpec) -> None:
         assert spec.server is not None
         self.path = spec.path
-        host, port, _ = spec.server
+        self._server = host, port = spec.server[:2]
         self._where = f"{host} port {port}"
         try:
             self._socket = connect(host, port)
@@ -116,10 +125,10 @@ class TcpPort(DescriptorPort):
         return {}
 
     def set_baud(self, baud: int) -> None:
-        """See `Port`: a connection has no speed."""
+        """See `DialoguePort`: a connection has no speed."""
 
     def discard(self) -> None:
-        """See `Port`: the greeting must not be thrown away, and nothing is waiting else."""
+        """See `DialoguePort`: the greeting must not be thrown away, and nothing is waiting else."""
 
     def write(self, data: bytes) -> int:
         """Send a short request."""
@@ -136,6 +145,8 @@ class TcpPort(DescriptorPort):
 
     def close(self) -> None:
         """Close the connection. May be called twice."""
+        if not self._connected and self._socket.fileno() >= 0:
+            skip_address(*self._server)
         self._socket.close()
 
     def _refusal(self, number: int) -> str:

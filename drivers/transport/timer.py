@@ -3,7 +3,11 @@
 import contextlib
 import ctypes
 import os
+import select
 import time
+
+from ..errors import NotSerialError
+from .reasons import reason
 
 _NONBLOCK, _CLOEXEC, _ABSOLUTE = os.O_NONBLOCK, os.O_CLOEXEC, 1
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -41,3 +45,18 @@ class Timer:
     def close(self) -> None:
         """Close the descriptor."""
         os.close(self.fd)
+
+
+def timer_and_epoll(path: str) -> tuple[Timer, select.epoll]:
+    """A timer, and an epoll that waits for it, of a port. Raises NotSerialError: too many descriptors are open."""
+    try:
+        timer = Timer()
+        try:
+            epoll = select.epoll()
+        except OSError:
+            timer.close()
+            raise
+    except OSError as error:
+        raise NotSerialError(path, f"{path} cannot be used: {reason(error)}") from error
+    epoll.register(timer.fd, select.EPOLLIN)
+    return timer, epoll

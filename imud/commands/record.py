@@ -108,7 +108,7 @@ class RecordLoop:
             if received:
                 pulse = self._pulse if isinstance(port.configured, GnssConfigured) else None
                 self._recorded[port] += received
-                byte_sink(self._buffer[:received], arrival_ns, pulse.newest_ns(now_ns) if pulse else None)
+                byte_sink(self._buffer[:received], arrival_ns, pulse.newest_ns() if pulse else None)
 
     def _record_measurements(self, aiding: AidingInput) -> None:
         for source, measurement in aiding.measurements(self._sources):

@@ -6,19 +6,20 @@ A file may be a FIFO or a terminal into which another program writes (`str2str`)
 import contextlib
 import os
 import socket
+import stat
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from imud.drivers.rtcm import RtcmFramer
-from imud.drivers.transport.tcp import connect
+from imud.drivers.transport.tcp import connect, skip_address
 
 from ..errors import ConfigError
 from ..process.log import get_logger
 
 AT_ONCE = 1024  # bytes read in one call: a receiver's line has little room
-STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew
+STALE_NS = 30_000_000_000  # a source that is silent that long is opened anew, but for a file that stays the same
 _NO_RTCM = "what it sends is no RTCM 3: a caster of NTRIP needs a program in between, such as str2str"
 _FIRST_RETRY_NS, _LAST_RETRY_NS = 1_000_000_000, 30_000_000_000
 
@@ -96,8 +97,13 @@ class Corrections:
             self.counters["frames"] += len(frames)
         elif ended or now_ns - self._last_ns > STALE_NS:
             why = "it ended the connection" if ended else "nothing comes"
-            unknown = self.counters["noise bytes"] and not self.counters["frames"]
-            self._close_and_retry(_NO_RTCM if unknown else why, now_ns)
+            if self.counters["noise bytes"] and not self.counters["frames"]:
+                why = _NO_RTCM
+            if self._is_same_file():
+                self._last_ns = now_ns
+                self._set_state(f"no data of the base: {why}")
+            else:
+                self._close_and_retry(why, now_ns)
         return frames
 
     def properties(self, now_ns: int) -> dict[str, Any]:
@@ -126,7 +132,21 @@ class Corrections:
         self._last_ns = now_ns
         return True
 
+    def _is_same_file(self) -> bool:
+        """Whether the source is still the plain file that is open: opened anew, it would give old corrections again."""
+        if self._address is not None:
+            return False
+        try:
+            opened, there = os.fstat(self._fd), Path(self._source).expanduser().stat()
+        except OSError:
+            return False
+        if not stat.S_ISREG(opened.st_mode) or not os.path.samestat(opened, there):
+            return False
+        return os.lseek(self._fd, 0, os.SEEK_CUR) <= opened.st_size  # else it was begun anew
+
     def _close_and_retry(self, why: str, now_ns: int) -> None:
+        if self._socket is not None and self._address is not None and self._frame_ns != self._last_ns:
+            skip_address(*self._address)  # no frame has come since it was opened
         with contextlib.suppress(OSError):
             self.close()
         self._set_state(f"no data of the base: {why}; trying again")

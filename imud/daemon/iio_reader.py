@@ -73,12 +73,13 @@ class IioReader:
                     self._outside.send(datagram(sensor.kind, values, 0.5 * (before_s + time.time())))
             self._read_s[name] = time.monotonic()
             self._report(name, f"{name}: {' and '.join(sensor.kind for sensor in sensors)} of the kernel")
-        except (PortError, OSError, ValueError) as error:
+        except Exception as error:  # whatever it is, the thread goes on
             if time.monotonic() - self._read_s.get(name, -math.inf) < _FAILING_S:
                 return  # as a chip that does not answer once; a single reading is lost
             self._sensors.pop(name, None)
             self._retry_s[name] = time.monotonic() + _RETRY_S
-            self._report(name, f"iio:{name} cannot be read: {reason(error)}")
+            expected = isinstance(error, PortError | OSError | ValueError)
+            self._report(name, f"iio:{name} cannot be read: {reason(error) if expected else repr(error)}")
 
     def _report(self, name: str, text: str) -> None:
         if self._last_message.get(name) != text:

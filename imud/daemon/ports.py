@@ -127,10 +127,10 @@ class Port:
 
     def forward(self, data: bytes) -> int:
         """Write data of another source, as corrections, to the device that streams; returns how many bytes it took."""
-        if self.options.readonly or self.spec.server is not None:
+        if self._line is None or self.options.readonly or self.spec.server is not None:
             return 0
         try:
-            return self.line.write(data)
+            return self._line.write(data)
         except PortLostError as error:
             self.lost(str(error))
             return 0

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 PORT = 2947  # gpsd's
 _BACKLOG = 128
 _IPV4_MAPPED, _IPV6_LOOPBACK = bytes(10) + b"\xff\xff", bytes(15) + b"\x01"  # RFC 4291, 2.5.5.2 and 2.5.3
-_LISTENING = "0A"  # TCP_LISTEN in /proc/net/tcp
+_LISTENING, _UNCONNECTED = "0A", "07"  # TCP_LISTEN in /proc/net/tcp, TCP_CLOSE in /proc/net/udp
 
 
 class AddressInUseError(CannotCreateError):
@@ -32,7 +32,7 @@ class Address(NamedTuple):
 
 
 def parse_address(text: str, default_port: int) -> Address:
-    """`HOST[:PORT]`, `[IPV6][:PORT]`, `/PATH`, `unix:PATH`, or `PORT` of 127.0.0.1. An empty host is all addresses.
+    """`HOST[:PORT]`, `[IPV6][:PORT]`, `/PATH`, `unix:PATH`, or `PORT` of 127.0.0.1. An empty host is all of IPv4.
 
     Raises ConfigError for anything else and for names that do not resolve.
     """
@@ -134,7 +134,7 @@ def listen(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> so
             sock.listen(_BACKLOG)
     except OSError as error:
         sock.close()
-        raise _listen_error(address, error) from error
+        raise _listen_error(address, kind, error) from error
     return sock
 
 
@@ -158,13 +158,13 @@ def _remove_stale_socket(path: str, kind: socket.SocketKind) -> None:
             pass
 
 
-def _listen_error(address: Address, error: OSError) -> Exception:
+def _listen_error(address: Address, kind: socket.SocketKind, error: OSError) -> Exception:
     if error.errno == errno.EADDRINUSE and isinstance(address.where, str) and not Path(address.where).is_socket():
         return AddressInUseError(
             f"cannot listen on {address.text}: there is a file that is no socket; choose another name"
         )
     if error.errno == errno.EADDRINUSE:
-        holder = holder_of(address)
+        holder = holder_of(address, kind)
         by = f" by {holder}" if holder else ""
         return AddressInUseError(f"cannot listen on {address.text}: in use{by}; stop that or choose another")
     if error.errno in (errno.EACCES, errno.EPERM):
@@ -174,9 +174,9 @@ def _listen_error(address: Address, error: OSError) -> Exception:
     return CannotCreateError(f"cannot listen on {address.text}: {error.strerror or error}")
 
 
-def holder_of(address: Address) -> str | None:
+def holder_of(address: Address, kind: socket.SocketKind = socket.SOCK_STREAM) -> str | None:
     """`gpsd (pid 123)` for the process that listens there, as far as /proc shows it to this user."""
-    sockets = {f"socket:[{inode}]" for inode in _inodes(address)}
+    sockets = {f"socket:[{inode}]" for inode in _inodes(address, kind)}
     if not sockets:
         return None
     for process in Path("/proc").glob("[0-9]*"):
@@ -188,13 +188,14 @@ def holder_of(address: Address) -> str | None:
     return None
 
 
-def _inodes(address: Address) -> set[str]:
+def _inodes(address: Address, kind: socket.SocketKind) -> set[str]:
     if isinstance(address.where, str):
         rows = _rows("unix")
         return {row[6] for row in rows if len(row) > 7 and row[7] == address.where}
     port = f"{address.where[1]:04X}"
-    rows = [row for table in ("tcp", "tcp6") for row in _rows(table)]
-    return {row[9] for row in rows if row[1].rpartition(":")[2] == port and row[3] == _LISTENING}
+    name, state = ("udp", _UNCONNECTED) if kind == socket.SOCK_DGRAM else ("tcp", _LISTENING)
+    rows = [row for table in (name, f"{name}6") for row in _rows(table)]
+    return {row[9] for row in rows if row[1].rpartition(":")[2] == port and row[3] == state}
 
 
 def _rows(table: str) -> Iterable[list[str]]:

@@ -88,8 +88,7 @@ class Outputs:
     def tick(self, now_ns: int) -> None:
         """Call several times per second: disconnects clients that timed out."""
         with self._errors.contain("the check of the gpsd clients"):
-            if (deadline := self.gpsd.next_deadline()) is not None and now_ns >= deadline:
-                self.gpsd.tick(now_ns)
+            self.gpsd.tick(now_ns)
         with self._errors.contain("the check of the stream clients"):
             self.binary.tick(now_ns)
 

@@ -1,7 +1,7 @@
 """A server for gpsd's clients inside the daemon's event loop: it never waits, and starts no thread.
 
-The loop polls; for each descriptor that is `in` the server it calls `on_event`, when a view is due `publish`, and it
-wakes up by `next_deadline` to call `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the
+The loop polls; for each descriptor that is `in` the server it calls `on_event`, when a view is due `publish`, and
+several times per second `tick`. All times are monotonic nanoseconds, one for all events of a wake-up: the
 work of one wake-up is limited by it, so that a flood of connections or requests delays the sensors by little and is
 served in the following ones. A slow, stalled or hostile client loses its own messages.
 """
@@ -94,10 +94,6 @@ class GpsdServer:
     def __contains__(self, fd: int) -> bool:
         return fd in self._clients or fd in self._listeners
 
-    def next_deadline(self) -> int | None:
-        """When `tick` must be called at the latest; None while no client is connected."""
-        return self._tick_ns if self._clients else None
-
     def close(self) -> None:
         """End all connections and stop listening."""
         for client in list(self._clients.values()):
@@ -166,7 +162,7 @@ class GpsdServer:
                 self._listeners.pause(fd)
 
     def tick(self, now_ns: int) -> None:
-        """Once per second: disconnect clients that timed out, renew the quotas of all others."""
+        """Once per second: disconnect clients that timed out, renew the quotas of all others; listen again."""
         if now_ns < self._tick_ns:
             return
         self._tick_ns = now_ns + SECOND_NS

@@ -120,7 +120,7 @@ class Policy:
         return self.nmea or self.raw > 0
 
     def updated(self, argument: bytes) -> "Policy":
-        """This policy after ?WATCH=argument. Raises RefusedError."""
+        """This policy after ?WATCH=argument. Raises RequestError."""
         try:
             given = _watch_argument.decode(argument)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -138,7 +138,10 @@ class Policy:
 
 
 def _selected_classes(names: str) -> tuple[str, ...]:
-    """The classes of a comma-separated list; `WATCH`, the request's own class, chooses nothing."""
+    """The classes of a comma-separated list; `WATCH`, the request's own class, chooses nothing.
+
+    Raises RequestError.
+    """
     wanted = {name.strip().upper() for name in names.split(",")} - {"WATCH", ""}
     if unknown := wanted.difference(CLASSES):
         raise RequestError(f"Invalid WATCH: no class {', '.join(sorted(unknown))}; there are {', '.join(CLASSES)}")
@@ -146,7 +149,7 @@ def _selected_classes(names: str) -> tuple[str, ...]:
 
 
 def _requested_path(argument: bytes | None) -> str | None:
-    """The path in ?DEVICE's argument, None when it names none. Raises RefusedError."""
+    """The path in ?DEVICE's argument, None when it names none. Raises RequestError."""
     try:
         return _device_argument.decode(argument).path if argument else None
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

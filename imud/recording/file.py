@@ -15,7 +15,10 @@ _CHUNK_BYTES = 1 << 20
 
 
 class RecordingFile:
-    """Opened for writing. Any method may raise OSError: then `abandon` it; what was committed stays readable."""
+    """Opened for writing. To open it may raise OSError, which leaves no file behind.
+
+    So may any other method but `abandon` and `discard`: then `abandon` it; what was committed stays readable.
+    """
 
     def __init__(self, path: Path, facts: Mapping[str, str], settings: bytes, unix_ns: int) -> None:
         self.path = path

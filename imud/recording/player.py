@@ -66,7 +66,7 @@ class ReplayedPulse:
 
     pulse_ns: int | None = None
 
-    def newest_ns(self, now_ns: int) -> int | None:
+    def newest_ns(self) -> int | None:
         """See `imud.drivers.transport.pps`."""
         return self.pulse_ns
 

@@ -35,7 +35,7 @@ from ..sensors.byte_sink import ByteSink
 from ..sensors.inertial import Inertial
 from .clock_fit import row_of
 from .measurements import measurement_object
-from .protocol import HEADER, STATE, MessageKind
+from .protocol import HEADER, PACKET, STATE, MessageKind
 
 Buffer = bytes | memoryview
 _SHIP_BYTES = 32 << 10
@@ -59,17 +59,10 @@ class Recorder:
         self._full = self._dead = False
         self._end_s = 0.0
         self._gap_reported = self._end_reported = False
-        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
-        with theirs:  # in a session of its own: Ctrl-C is for us, and ends it by our end
-            self._process = subprocess.Popen(
-                python_command("imud.recording.writer", str(theirs.fileno())),
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-            )
+        try:
+            self._socket, self._process = _start_writer()
+        except OSError as error:  # too many descriptors, no memory
+            raise CannotCreateError(f"cannot record to {path}: its writer does not start: {error.strerror}") from error
         start = {
             "record": msgspec.structs.replace(settings.record, path=str(path.absolute())),
             "facts": {
@@ -204,8 +197,8 @@ class Recorder:
         self._ship()
         messages = []
         with contextlib.suppress(OSError):
-            while packet := self._socket.recv(4096):
-                level, _, text = packet.decode().partition(":")
+            while packet := self._socket.recv(PACKET):
+                level, _, text = packet.decode(errors="replace").partition(":")
                 if level == STATE:
                     self.state = msgspec.json.decode(text)
                 else:
@@ -266,6 +259,25 @@ def recording(settings: Settings) -> Iterator[Recorder | None]:
     finally:
         if recorder is not None:
             recorder.close()
+
+
+def _start_writer() -> tuple[socket.socket, "subprocess.Popen[bytes]"]:
+    """Our end of the socket, and the process at the other. Raises OSError."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setblocking(False)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
+    with theirs:
+        try:
+            return ours, subprocess.Popen(
+                python_command("imud.recording.writer", str(theirs.fileno())),
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is for us, and ends it by our end
+            )
+        except OSError:
+            ours.close()
+            raise
 
 
 def _check(path: Path) -> None:

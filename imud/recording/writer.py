@@ -221,7 +221,8 @@ class RecordingWriter:
                 self._log("info", f"removed {path}: the recordings may take {record.budget_mb} MB (record.budget_mb)")
         if why := self._why_full(record.spare_mb):
             self._guard(lambda file: file.finish())
-            self._pause(why)
+            if self._file is not None:
+                self._pause(why)
         elif not file.is_in_place:
             self._log("warning", f"{file.path} was removed or renamed while it was recorded to: it ends here")
             self._begin_next()
@@ -245,12 +246,19 @@ class RecordingWriter:
             self._guard(lambda file: file.finish())
 
 
+def _lower_priority() -> None:
+    """Below the daemon's, as far as this machine permits: the filter of system calls of a service may forbid each."""
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # the service may be a real-time one
+    with contextlib.suppress(OSError):
+        os.nice(_NICE)
+
+
 def main(fd: int) -> None:
     """Write what comes until the other side is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # sent to a whole service; the end of the daemon is ours
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # the service may be a real-time one
-    os.nice(_NICE)
+    _lower_priority()
     with socket.socket(fileno=fd) as packets:
 
         def log(level: str, text: str) -> None:

@@ -50,6 +50,7 @@ _STALE_NS = 3_000_000_000
 _SECOND_NS = 1_000_000_000
 _LARGEST = 1e21  # of any number: Unix time in ns, which is refused as such, is 2e18
 _SHOWN = 60  # characters of a line that cannot be used
+_REASON_MAX = 200  # and of why: names in it are the sender's
 
 
 class _RefusedError(ValueError):
@@ -119,7 +120,7 @@ class DatagramDecoder:
             try:
                 yield self._measurement(line, sources, now_ns, unix_ns)
             except ValueError as error:
-                self._last_refused = f"{error}: {_shown(line)}"
+                self._last_refused = f"{str(error)[:_REASON_MAX]}: {_shown(line)}"
                 self.refuse(error.rule if isinstance(error, _RefusedError) else "value", self._last_refused)
 
     def refuse(self, rule: str, why: str) -> None:

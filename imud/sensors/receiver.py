@@ -58,7 +58,7 @@ _SPOOFED = {1: "receiver: reports signs of spoofing", 2: "receiver: reports spoo
 class Pulse(Protocol):
     """A receiver's pulse per second: see `PulsePerSecond`."""
 
-    def newest_ns(self, now_ns: int) -> int | None: ...
+    def newest_ns(self) -> int | None: ...
 
 
 class Receiver:
@@ -115,7 +115,7 @@ class Receiver:
 
     def feed(self, data: bytes, now_ns: int) -> list[Records]:
         """The same for bytes that came at `now_ns`."""
-        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+        pulse_ns = self._pulse.newest_ns() if self._pulse else None
         if self.byte_sink is not None:
             self.byte_sink(data, now_ns, pulse_ns)
         self._line_load.add(len(data), now_ns)
@@ -156,7 +156,7 @@ class Receiver:
         fixes = self.decoder.flush(now_ns)
         if not pending or self.decoder.pending:
             return []
-        pulse_ns = self._pulse.newest_ns(now_ns) if self._pulse else None
+        pulse_ns = self._pulse.newest_ns() if self._pulse else None
         if self.byte_sink is not None:
             self.byte_sink(b"", now_ns, pulse_ns)
         return self._accepted(fixes, now_ns, pulse_ns)

@@ -82,7 +82,7 @@ class Table:
         """The same without a bar. advance: called now and then with how many bytes of the file have been read."""
         with self.path.open("rb") as raw:
             lines = _decoded(raw, self.encoding, self.plain)
-            with contextlib.suppress(EOFError, zlib.error):
+            with contextlib.suppress(EOFError, zlib.error, gzip.BadGzipFile):
                 for number, line in enumerate(lines, 1):
                     if number % _LOOK == 0:
                         advance(raw.tell())

@@ -25,6 +25,7 @@ from .ekf import (
 from .state import (
     DOWN,
     FIX_DOWN,
+    FIX_EAST,
     FIX_NORTH,
     NORTH,
     SINK,
@@ -166,7 +167,7 @@ def fuse_position(p: RissParameters, s: RissState, fix: Fix, innovations: list[I
     lever_n, lever_e = arm[0] * cy - arm[1] * sy, arm[0] * sy + arm[1] * cy
     z_n = (fix.lat - s.lat) * (meridian + s.height) + travelled_since(s, t_ns, TRAVEL_NORTH) - lever_n - s.x[FIX_NORTH]
     radius = (prime_vertical + s.height) * max(elementary.cos(s.lat), MIN_COS)
-    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, t_ns, TRAVEL_EAST) - lever_e - s.x[FIX_NORTH + 1]
+    z_e = wrap_angle(fix.lon - s.lon) * radius + travelled_since(s, t_ns, TRAVEL_EAST) - lever_e - s.x[FIX_EAST]
     nis = 0.0
     for i in range(2):
         z = z_n if i == 0 else z_e

@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ...tuning import Tunable
-from ..mechanization import wrap_angle
 from ..state import NEVER_NS
 
 if TYPE_CHECKING:

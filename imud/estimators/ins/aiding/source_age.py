@@ -25,7 +25,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import SEMI_MAJOR_M
-from ....math.rotation import dot, quat_rotate, quat_rotate_back
+from ....math.rotation import dot, quat_rotate, quat_rotate_back, wrap_angle
 from ...records import (
     BODY_VELOCITY_SOURCE,
     HEADING_SOURCE,
@@ -37,7 +37,6 @@ from ...records import (
     YAW_VALUE,
 )
 from ...tuning import Tunable
-from ..mechanization import wrap_angle
 from ..state import AGE_STEP_NS, AGES, NAVIGATING, NEVER_NS, NO_AGE, SNAPSHOTS
 
 if TYPE_CHECKING:

@@ -183,11 +183,8 @@ def count_sample(c: Core, t_ns: int) -> float:
 
 @kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
-    """Propagate the core to t_ns, at which the sample is (w, f; body axes); a gap adds variance."""
-    dt = 1e-9 * (t_ns - c.nav.t_ns)
-    if dt <= 0.0:
-        return
-    dt = min(dt, p.tuning.longest_gap_s)
+    """Propagate the core to t_ns, later than its time, at which the sample is (w, f; body axes); a gap adds variance."""
+    dt = min(1e-9 * (t_ns - c.nav.t_ns), p.tuning.longest_gap_s)
     is_gap = dt > p.tuning.gap_periods * p.period
     variances = gap_variances(p, c, w, f, dt) if is_gap else (0.0, 0.0, 0.0)
     if dt > max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period):

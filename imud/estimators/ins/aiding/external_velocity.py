@@ -171,7 +171,8 @@ def is_reversed(p: Parameters, g: ExternalAid, i: int, measured: float, predicte
     g.shown[i] = keep * g.shown[i] + measured * predicted / s
     g.expected[i] = keep * g.expected[i] + predicted * predicted / s
     g.shown_noise[i] = keep * g.shown_noise[i] + together * predicted * predicted / s
-    return g.shown[i] < p.tuning.min_velocity_ratio * g.expected[i] - 3.0 * math.sqrt(g.shown_noise[i])
+    least = p.tuning.min_velocity_ratio * g.expected[i] - p.tuning.limit_sigmas * math.sqrt(g.shown_noise[i])
+    return bool(g.shown[i] < least)
 
 
 @kernel

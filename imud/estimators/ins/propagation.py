@@ -183,7 +183,7 @@ def count_sample(c: Core, t_ns: int) -> float:
 
 @kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
-    """Propagate the core to t_ns, later than its time, at which the sample is (w, f; body axes); a gap adds variance."""
+    """Propagate the core to t_ns, later than now, at which the sample is (w, f; body axes); a gap adds variance."""
     dt = min(1e-9 * (t_ns - c.nav.t_ns), p.tuning.longest_gap_s)
     is_gap = dt > p.tuning.gap_periods * p.period
     variances = gap_variances(p, c, w, f, dt) if is_gap else (0.0, 0.0, 0.0)

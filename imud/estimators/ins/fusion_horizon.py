@@ -147,7 +147,10 @@ def replay_to_newest(p: Parameters, s: State) -> None:
 
 @kernel
 def rewind_to(s: State, t_ns: int) -> bool:
-    """Restore core and hypothesis bank from the last snapshot not after t_ns; False if it is no longer stored."""
+    """Restore core and hypothesis bank from the last snapshot not after t_ns; False if it is no longer stored.
+
+    Nor if what has to be fused again is not, once another measurement has been inserted into a full ring.
+    """
     if s.core[0].nav.t_ns <= t_ns:
         return True
     oldest = max(0, s.snapshot_count - SNAPSHOTS)
@@ -157,7 +160,8 @@ def rewind_to(s: State, t_ns: int) -> bool:
     if k < oldest:
         return False
     snapshot = s.snapshots[k % SNAPSHOTS]
-    if snapshot.imu.sample_count < s.sample_count - IMU_RING or snapshot.nav.fused_count < s.aiding_start:
+    oldest_kept = s.aiding_start + (1 if s.aiding_count == AIDING_RING else 0)
+    if snapshot.imu.sample_count < s.sample_count - IMU_RING or snapshot.nav.fused_count < oldest_kept:
         return False
     fix = first_fix_from(s, snapshot.nav.fused_count)
     if fix >= 0 and s.bank_count - s.aiding_ring[fix % AIDING_RING].bank > BANKS:

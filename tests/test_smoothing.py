@@ -121,6 +121,14 @@ def test_another_receiver_is_marked_on_its_other_side():
     assert turned["flags"].tolist() == [0, 0, NEW_RECEIVER, 0, 0]  # on fix 2: the last one of the receiver before it
 
 
+def test_on_the_date_line_the_mean_is_a_longitude(driven):
+    forward = truth_of(driven)[:2]
+    forward["sigma_rpy"] = forward["sigma_p"] = forward["sigma_v"] = 0.1
+    backward = _backward_view(forward)
+    forward["lon"], backward["lon"] = math.radians(179.99999), math.radians(-179.99997)
+    assert np.degrees(combined(forward, backward)["lon"]) == pytest.approx([-179.99999] * 2, abs=1e-9)
+
+
 def test_a_reading_of_an_interval_goes_with_its_other_end():
     samples = np.zeros(4, SAMPLE)
     samples["t_ns"], samples["w"][:, 0] = np.arange(4), np.arange(4)

@@ -36,7 +36,9 @@ TUNABLES = (
         "One lost sample makes 2 periods.",
     ),
     Tunable("gap_s", 0.1, "s", "Gap between samples beyond which the motion is extrapolated.", "Choice."),
-    Tunable("long_gap_periods", 5.0, "periods", "The same in sample periods: the longer one holds.", "Slow sensors."),
+    Tunable(
+        "long_gap_periods", 5.0, "periods", "As gap_s, in sample periods: the longer of the two holds.", "Slow sensors."
+    ),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(

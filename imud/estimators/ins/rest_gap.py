@@ -44,7 +44,7 @@ TUNABLES = (
         "unmoved_tilt",
         math.radians(0.1),
         "rad",
-        "The same of a body that was not moved.",
+        "Sigma of the change of roll, and of pitch, of a body that was not moved in a gap at rest.",
         "Choice: who gets into a car leans it.",
     ),
     Tunable(
@@ -59,7 +59,7 @@ TUNABLES = (
         "moved_windows",
         4,
         "windows",
-        "After so many without rest a body that was at rest before the gap counts as moved.",
+        "Windows without rest after which a body that was at rest before a gap counts as moved.",
         "2 s.",
     ),
     Tunable(

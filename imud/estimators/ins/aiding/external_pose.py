@@ -66,7 +66,13 @@ TUNABLES = (
     Tunable("pose_return_gate", 9.0, "NIS", "Beyond it a pose that returns has a lasting error.", "Three sigma."),
     Tunable("pose_age_s", 10.0, "s", "Time in which the error by an unknown age lasts.", "Until the motion changes."),
     Tunable("pose_offset_s", 300.0, "s", "Correlation time of the lasting error of poses that return.", "Choice."),
-    Tunable("pose_agreement_s", 30.0, "s", "Time in which agreement lowers the sigma of that error.", "Choice."),
+    Tunable(
+        "pose_agreement_s",
+        30.0,
+        "s",
+        "Time in which agreement lowers the sigma of the lasting error of poses that return.",
+        "Choice.",
+    ),
     Tunable("pose_gate", 25.0, "NIS", "Gate of each element of a pose.", "Five sigma."),
 )
 

@@ -32,8 +32,6 @@ NOT_RUN = {  # a function and its line, or all of a function: why no trace runs 
     "estimate_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "guards a division: fixes inform on both axes",
     "estimate_velocity_drift: return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0": "with wheels all report a velocity",
     "count_confirmation: g.confirmations = 0": "no receiver contradicts wheels before the heading is confirmed",
-    "propagate_to: return": "guards a division: the ring takes newer samples only",
-    "process_sample: return": "guards a division: as above",
     "solve_heading: return unknown": "seen in no simulation: motion that only the receiver shows",
     "fuse_heading: return 0": "no recording of a compass points straight up",
     "rewind_to: return False": "one of its rings forgets first; the lines of the others are not run",

@@ -10,10 +10,11 @@ from vehicle_simulation import vehicle
 from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Settings
 from imud.estimators.ins.core import SNAPSHOT
-from imud.estimators.ins.fusion_horizon import restore_snapshot, store_snapshot
+from imud.estimators.ins.fusion_horizon import restore_snapshot, rewind_to, store_snapshot
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.records import HEADING_VALID, INNOVATION
+from imud.estimators.ins.state import AIDING_RING
+from imud.estimators.records import HEADING_VALID, INNOVATION, ODOMETER_SOURCE
 
 RATE = 100
 D = Later(drive, 120.0)
@@ -145,6 +146,16 @@ def test_fixes_of_the_future_are_refused():
     out, rows, _ = navigate(samples, fixes)
     assert not rows["used"][rows["t_ns"] >= fixes["t_ns"][70]].any()
     assert np.isfinite(out["v"][-1]).all()
+
+
+@pytest.mark.parametrize(("stored", "is_kept"), [(AIDING_RING - 1, True), (AIDING_RING, False)])
+def test_a_rewind_needs_all_measurements_that_the_next_one_leaves_in_the_ring(stored, is_kept):
+    """Before: in a full ring the oldest one, which was to be fused again, was the new one, which so was fused twice."""
+    s = start(configure(Settings(), 100.0), Initial())
+    s["aiding_start"], s["aiding_count"], s["aiding_ring"]["kind"] = 10, stored, ODOMETER_SOURCE
+    s["sample_count"] = s["snapshot_count"] = 1
+    s["snapshots"]["nav"]["fused_count"][0, 0], s["core"]["nav"]["t_ns"] = 10, 1_000_000_000
+    assert interpreted(rewind_to)(record(s), 500_000_000) == is_kept
 
 
 def test_a_rewind_restores_every_record():

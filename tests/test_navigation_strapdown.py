@@ -10,7 +10,8 @@ from navigation_simulation import RATE, curvature, drive, normal_gravity
 from scipy.spatial.transform import Rotation
 
 from imud.estimators.ins.core import CORE
-from imud.estimators.ins.mechanization import integrate_strapdown, wrap_angle
+from imud.estimators.ins.mechanization import integrate_strapdown
+from imud.math.rotation import wrap_angle
 
 integrate_strapdown = in_c(integrate_strapdown)
 

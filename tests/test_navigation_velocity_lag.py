@@ -14,7 +14,7 @@ from imud.estimators.ins.integrity.velocity_lag import LATE
 from imud.estimators.records import HEADING_VALID, NEW_RECEIVER, POSITION_VALID
 
 D = Later(drive, 180.0, speed=12.0)
-SETTINGS = {"vehicle": [0], "lever_arm_is_set": [1]}
+SETTINGS = {"vehicle": [0], "lever_arm_is_set": [1], "tuning": {"max_lag_s": [0.2]}}
 
 
 def fixes_with(lag_s, seed, every=0.2):

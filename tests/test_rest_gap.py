@@ -9,6 +9,7 @@ from test_power_on import PROFILE, RATE, SETTINGS, YAW, switch_on_biases
 
 from imud.drivers.sample import POWER_ON, RECONNECTED
 from imud.estimators.records import HEADING_VALID
+from imud.math.rotation_arrays import wrapped
 
 BEFORE_S, AFTER_S = 8.0, 12.0
 GIVEN_SIGMA = np.radians(5.0)  # of the heading that a user gives
@@ -16,14 +17,15 @@ JUDGED, TURN_RATE, ANY2 = slice(round(1.2 * RATE), None), np.radians(3.0), np.pi
 
 
 def around_gap(
-    away_s, seed=0, *, moved=None, metres=0.0, flag=RECONNECTED, fixes_after=True, rest_s=1e6, after_s=AFTER_S
-):
+    away_s, seed=0, *, moved=None, metres=0.0, flag=RECONNECTED, fixes_after=True, rest_s=1e6, after_s=AFTER_S,
+    lon_deg=11.0,
+):  # fmt: skip
     """(solutions before the gap, those from the first sample after it on, their attitude errors if it was not moved).
 
     moved: how it stands afterwards, against before; metres: how far north of its place.
     """
     rng = np.random.default_rng(seed)
-    d = Later(drive, BEFORE_S + away_s + after_s, rate=RATE, rest=rest_s)
+    d = Later(drive, BEFORE_S + away_s + after_s, rate=RATE, rest=rest_s, lon_deg=lon_deg)
     off, on = round(BEFORE_S * RATE), round((BEFORE_S + away_s) * RATE)
     noise, biases = (PROFILE.gyro_noise, PROFILE.accel_noise), switch_on_biases(rng)
     later = biases if flag == RECONNECTED else switch_on_biases(rng)
@@ -33,6 +35,7 @@ def around_gap(
     fixes = received(d, rng, late=0.2, sigma=1.8, speed_sigma=0.1)
     is_later = fixes["t_ns"] > samples["t_ns"][off]
     fixes["lat"][is_later] += metres / 6.37e6
+    fixes["lon"] = wrapped(fixes["lon"])
     fixes = fixes[(fixes["arrival_ns"] <= samples["t_ns"][off - 1]) | (is_later & fixes_after)]
     solutions, _, _ = navigate(samples, fixes, SETTINGS, YAW)
     whole = np.zeros(len(d.t), solutions.dtype)
@@ -76,6 +79,12 @@ def test_where_it_stands_at_another_tilt_it_was_moved_and_its_heading_is_not_kno
 def test_where_the_fixes_are_elsewhere_it_was_moved_and_its_heading_is_not_known(away_s):
     out, _ = after_gap(away_s, moved=Rotation.from_euler("z", 90.0, degrees=True), metres=40.0)
     assert not has_heading(out[round(2.5 * RATE) :]).any()
+
+
+def test_on_the_date_line_two_fixes_on_either_side_are_the_same_place():
+    """Before: longitudes of 180 and of -180 degrees were a way round the earth, and the heading was lost."""
+    for seed in range(4):
+        assert has_heading(after_gap(3.0, seed, lon_deg=180.0)[0]).all()
 
 
 @pytest.mark.parametrize("away_s", [3.0, 10.0])

@@ -26,7 +26,7 @@ from imud.estimators import registry
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import backward_fixes, start
 from imud.estimators.ins.state import EXACT_EPOCHS, STATES, TIME_OFFSET
-from imud.estimators.records import FIX, HEADING_VALID, MEASUREMENT, POSITION_VALID, SOLUTION
+from imud.estimators.records import FIX, HEADING_VALID, MEASUREMENT, NEW_RECEIVER, POSITION_VALID, SOLUTION
 from imud.firmware_sim.motion import Trajectory
 from imud.firmware_sim.scenarios import SCENARIOS
 from imud.math.kalman import packed_index
@@ -111,6 +111,22 @@ def test_an_interruption_is_marked_on_its_other_side():
     samples["t_ns"], samples["flags"][4] = np.arange(6), POWER_ON
     (turned,) = reversed_samples(samples, np.zeros(6, SOLUTION), False)
     assert turned["flags"].tolist() == [0, 0, POWER_ON, 0, 0, 0]  # on sample 3: the last one before it
+
+
+def test_another_receiver_is_marked_on_its_other_side():
+    fixes = np.zeros(5, FIX)
+    fixes["t_ns"] = fixes["arrival_ns"] = np.arange(5)
+    fixes["flags"][[0, 3]] = NEW_RECEIVER
+    turned = reversed_fixes(fixes, 4, 0.0)
+    assert turned["flags"].tolist() == [0, 0, NEW_RECEIVER, 0, 0]  # on fix 2: the last one of the receiver before it
+
+
+def test_on_the_date_line_the_mean_is_a_longitude(driven):
+    forward = truth_of(driven)[:2]
+    forward["sigma_rpy"] = forward["sigma_p"] = forward["sigma_v"] = 0.1
+    backward = _backward_view(forward)
+    forward["lon"], backward["lon"] = math.radians(179.99999), math.radians(-179.99997)
+    assert np.degrees(combined(forward, backward)["lon"]) == pytest.approx([-179.99999] * 2, abs=1e-9)
 
 
 def test_a_reading_of_an_interval_goes_with_its_other_end():

@@ -62,9 +62,8 @@ class Estimator:
     # by the code of a source: `scale` and `offset_m` of its readings, each with its sigma (`s…`); `finding`: why its
     # measurements are not used
     source_estimates: Callable[[Records], dict[int, dict[str, float | str]]] | None = None
-    findings: Callable[[Records, Records], tuple[str, ...]] | None = (
-        None  # (parameters, state): what contradicts the settings, in words
-    )
+    # (parameters, state): what contradicts the settings, in words
+    findings: Callable[[Records, Records], tuple[str, ...]] | None = None
     # of horizontal position and height, m^2, horizontal velocity, (m/s)^2, heading, rad^2; None before it navigates
     variances: Callable[[Records], tuple[float, float, float, float] | None] | None = None
     place: Callable[[Records], tuple[float, float, float] | None] | None = None  # latitude, longitude, rad; height, m

@@ -32,7 +32,7 @@ from ..compile.jit import interpreted, kernel
 from ..configuration.settings import Initial, Settings
 from ..math.arrays import Records
 from ..math.earth import STANDARD_GRAVITY, gravity
-from ..math.rotation import UNKNOWN_ANGLE, quat_of_euler
+from ..math.rotation import UNKNOWN_ANGLE, quat_of_euler, wrap_angle
 from ..sensor_errors.profiles import profile_of
 from . import Estimator
 from .records import ATTITUDE_VALID, HEADING_VALID, SATURATED
@@ -183,8 +183,7 @@ def integrate_yaw(p: TiltParameters, s: TiltState, sample: Sample, dt: float) ->
         cos_pitch = max(elementary.cos(s.roll_pitch[1]), 0.1)
         sr, cr = elementary.sin(s.roll_pitch[0]), elementary.cos(s.roll_pitch[0])
         middle_y, middle_z = 0.5 * (s.w[1] + sample.w[1]), 0.5 * (s.w[2] + sample.w[2])
-        yaw = s.yaw + (middle_y * sr + middle_z * cr) / cos_pitch * dt
-        s.yaw = yaw - 2.0 * math.pi * math.floor(yaw / (2.0 * math.pi) + 0.5)
+        s.yaw = wrap_angle(s.yaw + (middle_y * sr + middle_z * cr) / cos_pitch * dt)
         s.yaw_per_bias += cr / cos_pitch * dt
         s.yaw_var += p.gyro_psd / cos_pitch**2 * dt
         if sample.flags & NO_RATE != 0:

@@ -8,6 +8,7 @@ import math
 from imud.drivers import elementary
 
 from ..compile.jit import kernel
+from .rotation import wrap_angle
 
 SEMI_MAJOR_M = 6378137.0
 MEAN_RADIUS_M = 6.371e6  # of differences of latitude and longitude that need not be exact
@@ -60,6 +61,5 @@ def displaced(lat: float, lon: float, height: float, north: float, east: float) 
     """Latitude within +-pi/2 and longitude in [-pi, pi) of the point `north` and `east` m from (lat, lon), both small
     against the earth."""
     meridian, prime_vertical = radii(lat)
-    lon += east / ((prime_vertical + height) * max(elementary.cos(lat), MIN_COS))
-    lon -= 2.0 * math.pi * math.floor(lon / (2.0 * math.pi) + 0.5)
+    lon = wrap_angle(lon + east / ((prime_vertical + height) * max(elementary.cos(lat), MIN_COS)))
     return min(max(lat + north / (meridian + height), -0.5 * math.pi), 0.5 * math.pi), lon

@@ -17,6 +17,14 @@ GIMBAL_LOCK_SINE = 1.0 - 1e-13  # sine of a pitch at which rounding decides what
 
 
 @kernel
+def wrap_angle(angle: float) -> float:
+    """The angle in [-pi, pi)."""
+    if -math.pi <= angle < math.pi:
+        return angle
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@kernel
 def cross(a: Vector, b: Vector) -> Vector:
     """a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -77,7 +77,7 @@ def _average_position(out: Records, forward: Records, backward: Records) -> None
         out["sigma_p"][:, i] = np.where(known, sigma, forward["sigma_p"][:, i])
     out["lat"], out["lon"], out["height"] = (
         lat + shift[:, 0] / MEAN_RADIUS_M,
-        lon + shift[:, 1] / east_m,
+        wrapped(lon + shift[:, 1] / east_m),
         height - shift[:, 2],
     )
     v, sigma_v, _ = average(

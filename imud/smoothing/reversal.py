@@ -19,7 +19,7 @@ import numpy as np
 from imud.drivers.sample import POWER_ON, RECONNECTED
 
 from ..estimators.aiding_source import AidingSource
-from ..estimators.records import HEADING_VALID, POSITION_VALID
+from ..estimators.records import HEADING_VALID, NEW_RECEIVER, POSITION_VALID
 from ..math.arrays import Records
 from ..math.earth import EARTH_RATE_RADPS
 from ..math.rotation_arrays import matrices
@@ -36,7 +36,7 @@ def reversed_samples(samples: Records, solutions: Records, of_interval: bool) ->
     at the time of the sample before.
     """
     end_ns, last_tick = int(samples["t_ns"][-1]), int(samples["tick"][-1])
-    after = 0  # an interruption is marked on the first sample behind it, seen from the other side on another one
+    after = 0  # flags of the sample after these
     for stop in range(len(samples), 0, -BLOCK):
         part = slice(max(stop - BLOCK, 0), stop)
         times = samples[["t_ns", "tick"]][part][::-1]
@@ -51,9 +51,9 @@ def reversed_samples(samples: Records, solutions: Records, of_interval: bool) ->
         rows["tick"] = last_tick - times["tick"]
         rows["w"] = 2.0 * np.einsum("nij,nj->ni", to_body, earth) - rows["w"]
         rows["f"] -= 4.0 * np.einsum("nij,nj->ni", to_body, coriolis)
-        interrupted = rows["flags"] & (POWER_ON | RECONNECTED)
-        rows["flags"] += np.append(after, interrupted[:-1]) - interrupted
-        after = int(interrupted[-1])
+        first = int(rows["flags"][-1])
+        rows["flags"] = _seen_from_behind(rows["flags"], POWER_ON | RECONNECTED, after)
+        after = first
         yield rows
 
 
@@ -66,7 +66,9 @@ def reversed_fixes(fixes: Records, end_ns: int, delay_s: float) -> Records:
     rows["v"] = -rows["v"]
     rows["course"] = np.mod(rows["course"] + math.pi, 2.0 * math.pi)
     rows["arrival_ns"] = rows["t_ns"] + late
-    return _in_order(rows)
+    rows = _in_order(rows)
+    rows["flags"] = _seen_from_behind(rows["flags"], NEW_RECEIVER)
+    return rows
 
 
 def reversed_measurements(measurements: Records, sources: Sequence[AidingSource], end_ns: int) -> Records:
@@ -77,6 +79,15 @@ def reversed_measurements(measurements: Records, sources: Sequence[AidingSource]
         rows["value"][rows["kind"] == source.kind] *= source.reversed_sign
     rows["arrival_ns"] = rows["t_ns"]
     return _in_order(rows)
+
+
+def _seen_from_behind(flags: Any, marks: int, after: int = 0) -> Any:
+    """Flags in reverse order. `marks` are on the first row behind an interruption: seen from behind, on the next one.
+
+    after: flags of the row before these.
+    """
+    interrupted = flags & marks
+    return flags - interrupted + np.append(after & marks, interrupted[:-1])
 
 
 def _in_order(rows: Any) -> Records:

@@ -44,7 +44,7 @@ _SENSOR = (
         "accel_bias_time_s",
         100.0,
         "s",
-        "The accelerometer bias changes by its instability in it.",
+        "Time in which the accelerometer bias changes by its instability.",
         UNRECORDED,
         low=1e-3,
     ),
@@ -82,7 +82,14 @@ _OUTAGES = (
     Tunable("gap_force_psd", 3.0**2, "(m/s^2)^2/s", "Random walk of the specific force in a gap.", UNRECORDED),
     Tunable("fault_rate_radps", 0.3, "rad/s", "Error of the last rate that is held while the gyro fails.", UNRECORDED),
     Tunable("steady_rate_s", 0.2, "s", "Time for which the last rate is held as it is.", HANDS),
-    Tunable("held_rate_time_s", 0.3, "s", "Time constant with which it then returns to zero.", HANDS, low=1e-3),
+    Tunable(
+        "held_rate_time_s",
+        0.3,
+        "s",
+        "Time constant with which a rate that was held for steady_rate_s returns to zero.",
+        HANDS,
+        low=1e-3,
+    ),
     Tunable("fault_force_psd", 10.0**2, "(m/s)^2/s", "Velocity noise while the accelerometer fails.", UNRECORDED),
     Tunable("stamp_time_s", 60.0, "s", "Time over which is learned whether it is stamps that scatter.", HANDS, low=0.1),
     Tunable("clipping_error", 0.5, "", "Error of a rotation beyond the gyro's range, over its estimate.", HANDS),
@@ -120,7 +127,13 @@ _LEVELLING = (
     Tunable(
         "initial_velocity_var", 1.0, "(m/s)^2", "Variance of the velocity after coarse levelling.", UNRECORDED, low=1e-3
     ),
-    Tunable("initial_velocity_scatter", 0.3, "(m/s)^2", "Its part in motions shorter than a second.", UNRECORDED),
+    Tunable(
+        "initial_velocity_scatter",
+        0.3,
+        "(m/s)^2",
+        "First value of the velocity's scatter in motions shorter than a second.",
+        UNRECORDED,
+    ),
     Tunable(
         "min_gravity_ratio", 0.5, "", "Least specific force, over gravity, that may show the vertical.", UNRECORDED
     ),
@@ -156,19 +169,48 @@ _MOTION = (
         "travel_evidence_at_start",
         25.0,
         "",
-        "So many more where there has been no rest; less with the time in motion.",
+        "Added to travel_evidence where there has been no rest; less with the time in motion.",
         SIMULATED,
     ),
     Tunable("hidden_speed_mps", 3.0, "m/s", "Speed in a steady turn that looks like tilt before a rest.", SIMULATED),
     Tunable("steady_turn_time_s", 30.0, "s", "Time over which turns to and fro cancel.", SIMULATED, low=1.0),
     Tunable("hypothesis_tilt_rad", 0.4, "rad", "Sigma of tilt where the body may move at any speed.", SIMULATED),
     Tunable("hypothesis_noise_per_rate", 0.005, "sqrt(s)", "Gyro scale errors as noise, in proportion.", SIMULATED),
-    Tunable("hypothesis_speed_noise_mps", 0.05, "m/s", "Velocity that their process does not describe.", SIMULATED),
-    Tunable("hypothesis_speed_noise_share", 0.1, "", "The same, as a share of the speed.", SIMULATED),
+    Tunable(
+        "hypothesis_speed_noise_mps", 0.05, "m/s", "Velocity that the hypotheses' process does not describe.", SIMULATED
+    ),
+    Tunable(
+        "hypothesis_speed_noise_share",
+        0.1,
+        "",
+        "Velocity that the hypotheses' process does not describe, as a share of the speed.",
+        SIMULATED,
+    ),
     Tunable("hypothesis_carried_time_s", 60.0, "s", "Time in which accelerations in the body change.", SIMULATED),
-    Tunable("hypothesis_evidence", 0.7, "", "Exponent of their likelihoods: they are not exact.", SIMULATED, high=1.0),
-    Tunable("hypothesis_weight_evidence", 0.05, "", "The same for those without hands.", SIMULATED, high=1.0),
-    Tunable("hypothesis_weight_time_s", 20.0, "s", "Time in which those weights fade.", SIMULATED, low=1.0),
+    Tunable(
+        "hypothesis_evidence",
+        0.7,
+        "",
+        "Exponent of the hypotheses' likelihoods, which are not exact.",
+        SIMULATED,
+        high=1.0,
+    ),
+    Tunable(
+        "hypothesis_weight_evidence",
+        0.05,
+        "",
+        "Exponent of the likelihoods of the hypotheses without hands, which fade.",
+        SIMULATED,
+        high=1.0,
+    ),
+    Tunable(
+        "hypothesis_weight_time_s",
+        20.0,
+        "s",
+        "Time in which the evidence in the hypotheses' weights fades.",
+        SIMULATED,
+        low=1.0,
+    ),
     Tunable("hypothesis_hand_odds", 3.5, "", "Log odds of a hand's over another before any evidence.", SIMULATED),
     Tunable("hypothesis_max_odds", 12.0, "", "Most log odds against a hypothesis.", SIMULATED),
     Tunable("vibration_time_s", 0.5, "s", "Time over which the vibration is averaged.", VEHICLES, low=1e-3),
@@ -189,7 +231,14 @@ _PSEUDO_MEASUREMENTS = (
         SIMULATED,
         low=1e-3,
     ),
-    Tunable("unseen_velocity_time_s", 5.0, "s", "Motion after which half of it is left.", SIMULATED, low=1e-3),
+    Tunable(
+        "unseen_velocity_time_s",
+        5.0,
+        "s",
+        "Time in motion after which half of the unseen scatter of velocity is left.",
+        SIMULATED,
+        low=1e-3,
+    ),
     Tunable("stationary_velocity_noise", 0.09, "m/s sqrt(s)", "Noise density of zero velocity at rest.", BROAD),
     Tunable("velocity_reset_gate", 4.0, "sigma", "A larger velocity is real: it is reset, not fused.", UNRECORDED),
     Tunable("zero_position_noise", 0.5, "m sqrt(s)", "Noise density of zero position.", BROAD),
@@ -218,7 +267,9 @@ _STATIONARITY = (
     Tunable(
         "gravity_magnitude_gate", 2.5, "sigma", "Most error of the force's magnitude at the first rest.", UNRECORDED
     ),
-    Tunable("relevel_tilt_rad", 0.1, "rad", "Tilt sigma added where that gate is exceeded.", UNRECORDED),
+    Tunable(
+        "relevel_tilt_rad", 0.1, "rad", "Tilt sigma added where the force exceeds gravity_magnitude_gate.", UNRECORDED
+    ),
     Tunable("min_rate_across_gravity", 0.5, "", "Sine of the angle to gravity of a rate that may turn it.", UNRECORDED),
     Tunable("fixed_gravity_gate", 8.0, "sigma", "Turn of gravity that must be seen, or the rate is bias.", UNRECORDED),
     Tunable("confirmation_time_s", 3.0, "s", "How long a contradiction must last at obvious rest.", UNRECORDED),
@@ -256,36 +307,80 @@ _DIVERGENCE = (
     Tunable("converged_tilt_rad", math.radians(15.0), "rad", "Tilt sigma below which tilt has converged.", UNRECORDED),
     Tunable("lost_tilt_rad", math.radians(30.0), "rad", "Tilt sigma above which a converged tilt is lost.", UNRECORDED),
     Tunable("max_velocity_gain_mps", 50.0, "m/s", "A gain of velocity that no vehicle has.", "Cars, light aircraft."),
-    Tunable("common_velocity_gain", 0.25, "", "The part of it that many have.", UNRECORDED, high=1.0),
+    Tunable(
+        "common_velocity_gain", 0.25, "", "Part of max_velocity_gain_mps that many vehicles have.", UNRECORDED, high=1.0
+    ),
     Tunable("velocity_gain_time_s", 300.0, "s", "Time constant of the gain of velocity.", VEHICLES, low=1e-3),
 )
 
 _ATTITUDE_STEP = (
     Tunable("gain_time_s", 5.0, "s", "Time over which a gain of velocity is taken.", HANDS, low=0.1),
     Tunable("usual_gain_time_s", 30.0, "s", "Time over which the usual gain is learned.", HANDS, low=0.1),
-    Tunable("usual_gain_sigmas", 3.0, "sigma", "A gain beyond so many usual ones begins to tell.", HANDS),
-    Tunable("min_gain_mps", 0.4, "m/s", "The least gain that does: a body that is carried off.", HANDS),
-    Tunable("rise_gain_sigmas", 1.5, "sigma", "A gain beyond so many usual ones, not yet in its mean, may.", HANDS),
-    Tunable("rise_gain_mps", 0.2, "m/s", "The least gain that may.", HANDS),
-    Tunable("rise_time_s", 0.15, "s", "Half of its angle is believed after this time.", HANDS),
+    Tunable(
+        "usual_gain_sigmas",
+        3.0,
+        "sigma",
+        "Gain of velocity, over the usual one, from which it is evidence of a step.",
+        HANDS,
+    ),
+    Tunable(
+        "min_gain_mps",
+        0.4,
+        "m/s",
+        "Least gain of velocity that is evidence of a step: a body that is carried off.",
+        HANDS,
+    ),
+    Tunable(
+        "rise_gain_sigmas",
+        1.5,
+        "sigma",
+        "Gain of velocity, not yet in its mean, over the usual one, from which a slip may have begun.",
+        HANDS,
+    ),
+    Tunable(
+        "rise_gain_mps",
+        0.2,
+        "m/s",
+        "Least gain of velocity, not yet in its mean, by which a slip may have begun.",
+        HANDS,
+    ),
+    Tunable(
+        "rise_time_s", 0.15, "s", "Time after which half of the angle of a slip that may have begun is believed.", HANDS
+    ),
     Tunable("rise_angle_rad", 0.35, "rad", "RMS angle of slips.", HANDS, low=0.01),
-    Tunable("rise_slip_probability", 0.2, "", "The probability that it does.", HANDS, high=1.0),
-    Tunable("step_gain_sigmas", 5.0, "sigma", "A gain beyond so many usual ones is a step.", HANDS),
-    Tunable("step_gain_mps", 1.2, "m/s", "The least gain that is one: somebody begins to walk.", HANDS),
-    Tunable("min_step_s", 0.5, "s", "The shortest time in which a gain tells.", HANDS, low=0.05),
+    Tunable(
+        "rise_slip_probability",
+        0.2,
+        "",
+        "Probability that a gain of velocity, not yet in its mean, is a slip.",
+        HANDS,
+        high=1.0,
+    ),
+    Tunable("step_gain_sigmas", 5.0, "sigma", "Gain of velocity, over the usual one, that is a step.", HANDS),
+    Tunable("step_gain_mps", 1.2, "m/s", "Least gain of velocity that is a step: somebody begins to walk.", HANDS),
+    Tunable(
+        "min_step_s", 0.5, "s", "Shortest time in which a gain of velocity is evidence of a step.", HANDS, low=0.05
+    ),
     Tunable(
         "steady_share", 0.75, "", "The share of a mean force that its newest value shows if it lasts.", HANDS, high=1.0
     ),
-    Tunable("lean_time_s", 0.1, "s", "Vibration is averaged over it.", FLIGHTS, low=1e-3),
+    Tunable("lean_time_s", 0.1, "s", "Time over which vibration is averaged.", FLIGHTS, low=1e-3),
     Tunable("lean_share", 0.5, "", "Angle that a force moves in a body that leans, over the lean.", FLIGHTS, high=1.0),
     Tunable("hand_time_s", 10.0, "s", "Lively motion after which a body is no vehicle.", HANDS),
-    Tunable("hand_rate_radps", 1.0, "rad/s", "A rate across the vertical that halves this time.", HANDS, low=0.01),
+    Tunable("hand_rate_radps", 1.0, "rad/s", "A rate across the vertical that halves hand_time_s.", HANDS, low=0.01),
     Tunable("min_hand_probability", 0.99, "", "Of a hand, before a rest, for a step to be one.", HANDS, high=1.0),
     Tunable("lively_acceleration_mps2", 0.3, "m/s^2", "RMS acceleration of lively motion, about its mean.", HANDS),
     Tunable("lively_rate_radps", 0.2, "rad/s", "RMS rate of lively motion.", HANDS),
     Tunable("vehicle_acceleration_mps2", 3.0, "m/s^2", "RMS acceleration of vehicles.", VEHICLES, low=0.01),
     Tunable("travel_proof_s", 3.0, "s", "Travel after which a body is a vehicle.", VEHICLES),
-    Tunable("vehicle_time_s", 600.0, "s", "Time constant with which that is forgotten.", UNRECORDED, low=1.0),
+    Tunable(
+        "vehicle_time_s",
+        600.0,
+        "s",
+        "Time constant with which it is forgotten that a body is a vehicle.",
+        UNRECORDED,
+        low=1.0,
+    ),
 )
 
 _VARIANCE_FACTOR = (
@@ -296,9 +391,13 @@ _VARIANCE_FACTOR = (
 
 _DRAG = (
     Tunable("drag_block_s", 2.0, "s", "Time over which forces and velocities are averaged.", FLIGHTS, low=0.1),
-    Tunable("drag_memory_s", 60.0, "s", "Time over which they are compared.", FLIGHTS, low=10.0),
+    Tunable(
+        "drag_memory_s", 60.0, "s", "Time over which the forces and velocities of drag are compared.", FLIGHTS, low=10.0
+    ),
     Tunable("drag_mean_s", 300.0, "s", "Time over which the direction of the thrust is taken.", FLIGHTS, low=1.0),
-    Tunable("min_drag_blocks", 15, "", "Least blocks that are compared.", FLIGHTS, low=3),
+    Tunable(
+        "min_drag_blocks", 15, "", "Least blocks of forces and velocities from which drag is found.", FLIGHTS, low=3
+    ),
     Tunable(
         "min_drag_correlation2", 0.3, "", "Least share of the force that the velocity explains.", FLIGHTS, high=1.0
     ),
@@ -333,7 +432,7 @@ _QUANTIZATION = (
     ),
     Tunable("max_log_odds", 12.0, "", "Limit of the log odds of truncation.", UNRECORDED),
     Tunable("block_samples", 1000, "", "Samples in a histogram of readings at rest.", UNRECORDED, low=2),
-    Tunable("max_blocks", 16, "", "Histograms that are evaluated; the same noise tells no more.", UNRECORDED),
+    Tunable("max_blocks", 16, "", "Most histograms of equal noise that are evaluated.", UNRECORDED),
     Tunable("min_noise_lsb", 0.7, "LSB", "Less noise does not reach the next code.", UNRECORDED, low=0.1),
     Tunable("max_noise_lsb", 4.0, "LSB", "More noise shows no single code.", UNRECORDED),
     Tunable("min_whiteness", 0.4, "", "Least part of the variance between successive readings.", UNRECORDED),

@@ -62,7 +62,7 @@ TUNABLES = (
         "heading_boresight_psd",
         math.radians(0.02) ** 2,
         "rad^2/s",
-        "Random walk of that angle, by load, bending and iron.",
+        "Random walk of a heading source's boresight, by load, bending and iron.",
         "As mount_psd.",
     ),
     Tunable(
@@ -76,7 +76,7 @@ TUNABLES = (
         "velocity_boresight_tilt_sigma",
         math.radians(3.0),
         "rad",
-        "The same about the level axes.",
+        "Sigma of the angle about each level axis by which a velocity sensor is turned, beyond the settings.",
         "As unknown_boresight_sigma: what is not level is seen, and a reversed axis is no tilt.",
     ),
     Tunable(
@@ -91,7 +91,7 @@ TUNABLES = (
         "velocity_boresight_psd",
         math.radians(0.05) ** 2,
         "rad^2/s",
-        "Random walk of these angles: calibration of the sensor, load and bending.",
+        "Random walk of the angles by which a velocity sensor is turned: its calibration, load and bending.",
         "Choice: 0.4 deg in a minute.",
     ),
 )

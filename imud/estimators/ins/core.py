@@ -273,11 +273,7 @@ SCRATCH = np.dtype(  # used within one call of the filter's entries only: no sna
         ("drift", "<f8", (2,)),  # m, what the positions may have drifted until the fix that is fused
         ("discrepancy2", "<f8", (2,)),  # m^2/s^2, of velocity and positions of the receiver, squared, where open
         ("discrepancy_onset_ns", "<i8"),
-        (
-            "stated_variances",
-            "<f8",
-            (STATED,),
-        ),  # of the last solution: with what P does not have
+        ("stated_variances", "<f8", (STATED,)),  # of the last solution: with what P does not have
         ("exp_arguments", "<f8", (EXPONENTIALS,)),  # of the last exponentials, most of which are needed again
         ("exponentials", "<f8", (EXPONENTIALS,)),
         ("stated_sigmas", "<f8", (STATED,)),  # and their square roots, which most samples need again

@@ -16,10 +16,6 @@ _ANTENNA_ELSEWHERE = (
 _ANTENNA_AWAY = (
     f"the fixes show an antenna away from the sensor, and navigation.lever_arm_m is not set: measure and set it{_FOUND}"
 )
-_LATE_VELOCITY = (
-    "the receiver's velocity lags behind its positions by more than 0.2 s and is not used: the receiver smooths it, or "
-    "sends that of an earlier epoch; choose a dynamic model for faster motion there, or switch its smoothing off"
-)
 _ELSEWHERE_M, _ELSEWHERE_SIGMAS = 0.5, 4.0
 _ARM_IN_P = [interpreted(packed_index)(STATES, k, k) for k in range(GNSS_LEVER_ARM, GNSS_LEVER_ARM + 3)]
 
@@ -32,9 +28,17 @@ def findings(parameters: Records, state: Records) -> tuple[str, ...]:
     found = {
         _NO_LAND_VEHICLE: is_dropped,
         _ANTENNA_ELSEWHERE if parameters["lever_arm_is_set"][0] else _ANTENNA_AWAY: _is_elsewhere(c),
-        _LATE_VELOCITY: state["velocity_lag"]["late"][0] != 0,
+        _late_velocity(parameters["tuning"]["max_lag_s"][0]): state["velocity_lag"]["late"][0] != 0,
     }
     return tuple(text for text, is_so in found.items() if is_so)
+
+
+def _late_velocity(max_lag_s: float) -> str:
+    return (
+        f"the receiver's velocity lags behind its positions by more than {max_lag_s:g} s and is not used: the receiver "
+        "smooths it, or sends that of an earlier epoch; choose a dynamic model for faster motion there, or switch its "
+        "smoothing off"
+    )
 
 
 def _is_elsewhere(c: np.void) -> bool:

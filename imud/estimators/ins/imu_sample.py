@@ -79,8 +79,6 @@ def process_sample(p: Parameters, c: Core, sample: StoredSample) -> None:
     """Process one stored sample (body axes): propagate, then window end and constraint where they are due."""
     dt = 1e-9 * (sample.t_ns - c.nav.t_ns)
     gap_s = count_sample(c, sample.t_ns)
-    if dt <= 0.0:
-        return
     incomplete = sample.flags & (NO_RATE | NO_FORCE) != 0
     if incomplete:
         substitute_missing(p, c, sample)

@@ -26,6 +26,7 @@ from ...math.rotation import (
     quat_renormalised,
     quat_rotate,
     quat_rotate_back,
+    wrap_angle,
 )
 
 if TYPE_CHECKING:
@@ -36,14 +37,6 @@ if TYPE_CHECKING:
 MIN_COS_LAT = 1e-4  # some 600 m from a pole, where east and north are not defined
 EARTH_TOLERANCE = 1e-7  # of an earth radius, some 0.6 m: what depends on the position changes by no larger share
 MAX_LATITUDE = 0.5 * math.pi - 1e-9
-
-
-@kernel
-def wrap_angle(angle: float) -> float:
-    """The angle in [-pi, pi)."""
-    if -math.pi <= angle < math.pi:
-        return angle
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @kernel

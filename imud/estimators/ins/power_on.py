@@ -52,7 +52,7 @@ TUNABLES = (
         "max_reconnect_turn",
         math.radians(20.0),
         "rad",
-        "Largest such sigma in a land vehicle under way, whose motion soon contradicts a larger rotation.",
+        "Largest sigma of the rotation in a gap, of a land vehicle under way: its motion soon shows a larger one.",
         "Choice.",
     ),
     Tunable(

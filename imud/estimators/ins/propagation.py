@@ -36,7 +36,9 @@ TUNABLES = (
         "One lost sample makes 2 periods.",
     ),
     Tunable("gap_s", 0.1, "s", "Gap between samples beyond which the motion is extrapolated.", "Choice."),
-    Tunable("long_gap_periods", 5.0, "periods", "The same in sample periods: the longer one holds.", "Slow sensors."),
+    Tunable(
+        "long_gap_periods", 5.0, "periods", "As gap_s, in sample periods: the longer of the two holds.", "Slow sensors."
+    ),
     Tunable("gap_accel", 2.0, "m/s^2", "Acceleration that a long gap may hide.", "A vehicle's."),
     Tunable("gap_turn", 0.3, "rad/s", "Rate that a long gap may hide.", "A vehicle's."),
     Tunable(
@@ -183,11 +185,8 @@ def count_sample(c: Core, t_ns: int) -> float:
 
 @kernel
 def propagate_to(p: Parameters, c: Core, t_ns: int, w: Reals, f: Reals) -> None:
-    """Propagate the core to t_ns, at which the sample is (w, f; body axes); a gap adds variance."""
-    dt = 1e-9 * (t_ns - c.nav.t_ns)
-    if dt <= 0.0:
-        return
-    dt = min(dt, p.tuning.longest_gap_s)
+    """Propagate the core to t_ns, later than now, at which the sample is (w, f; body axes); a gap adds variance."""
+    dt = min(1e-9 * (t_ns - c.nav.t_ns), p.tuning.longest_gap_s)
     is_gap = dt > p.tuning.gap_periods * p.period
     variances = gap_variances(p, c, w, f, dt) if is_gap else (0.0, 0.0, 0.0)
     if dt > max(p.tuning.gap_s, p.tuning.long_gap_periods * p.period):

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ...compile.jit import kernel
-from ...math.earth import STANDARD_GRAVITY, radii
+from ...math.earth import STANDARD_GRAVITY
 from ..tuning import Tunable
 from .aiding.gnss_noise import horizontal_sigma
 from .alignment.modes import HEADING_LOST, change_mode
 from .ekf import add_covariance, variance
 from .glr_tests.compass_offset import state_turn
 from .lever_arm import antenna_position
-from .mechanization import body_to_ned
+from .mechanization import body_to_ned, ned_difference
 from .state import ATTITUDE, POSITION
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ TUNABLES = (
         "unmoved_tilt",
         math.radians(0.1),
         "rad",
-        "The same of a body that was not moved.",
+        "Sigma of the change of roll, and of pitch, of a body that was not moved in a gap at rest.",
         "Choice: who gets into a car leans it.",
     ),
     Tunable(
@@ -59,7 +59,7 @@ TUNABLES = (
         "moved_windows",
         4,
         "windows",
-        "After so many without rest a body that was at rest before the gap counts as moved.",
+        "Windows without rest after which a body that was at rest before a gap counts as moved.",
         "2 s.",
     ),
     Tunable(
@@ -162,11 +162,9 @@ def compare_place(p: Parameters, c: Core, fix: Fix) -> None:
     g = c.rest_gap
     if g.place2 == 0.0 or c.stationarity.low_motion_count == 0:
         return
-    meridian, prime_vertical = radii(g.lat)
     arm, sigma = antenna_position(c), horizontal_sigma(p, fix)
-    north = (fix.lat - g.lat) * (meridian + c.nav.height) - arm[0]
-    east = (fix.lon - g.lon) * (prime_vertical + c.nav.height) * elementary.cos(g.lat) - arm[1]
+    north, east = ned_difference(c, g.lat, g.lon, fix.lat, fix.lon)
     variance_of_both = g.place2 + 2.0 * sigma * sigma
     g.place2 = 0.0
-    if north * north + east * east > p.tuning.elsewhere_gate * variance_of_both:
+    if (north - arm[0]) ** 2 + (east - arm[1]) ** 2 > p.tuning.elsewhere_gate * variance_of_both:
         change_mode(p, c, HEADING_LOST)

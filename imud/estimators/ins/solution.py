@@ -165,7 +165,8 @@ def added_by_time_offset(c: Core, i: int) -> float:
 def state_variances(p: Parameters, c: Core) -> None:
     """scratch.stated_variances <- those of P and what is beyond it, of position, velocity, attitude and biases.
 
-    scratch.stated_sigmas <- their square roots; but for the attitude P changes only with every twentieth sample.
+    scratch.stated_sigmas <- their square roots, where any but the attitude's has changed: P does not with each sample.
+    Those of roll, pitch and yaw are `write_solution`'s.
     """
     stated, inflation = c.scratch.stated_variances, 1.0 + c.integrity.rejected_inflation
     changed = False

@@ -21,10 +21,10 @@ from .state import BARO_OFFSET, HEADING_BORESIGHT, NAVIGATING, NEVER_NS, ODOMETE
 REPEATED_NS = 10_000_000_000  # a barometer that says the same for longer has stopped
 
 _FINDINGS = {
-    HEADING_SOURCE: ("heading_aid", "distrusted", 1, "the motion contradicts it"),
-    POSE_SOURCE: ("pose", "rejected", 1, "it contradicts the estimate, or repeats itself"),
-    VELOCITY_SOURCE: ("external_velocity", "rejected", 1, "it contradicts the estimate"),
-    BODY_VELOCITY_SOURCE: ("body_velocity", "rejected", 1, "it contradicts the estimate"),
+    HEADING_SOURCE: ("heading_aid", "distrusted", "the motion contradicts it"),
+    POSE_SOURCE: ("pose", "rejected", "it contradicts the estimate, or repeats itself"),
+    VELOCITY_SOURCE: ("external_velocity", "rejected", "it contradicts the estimate"),
+    BODY_VELOCITY_SOURCE: ("body_velocity", "rejected", "it contradicts the estimate"),
 }
 _UNUSED = {
     CONTRADICTED: "it contradicts the estimate",
@@ -62,8 +62,8 @@ def source_estimates(state: Records) -> dict[int, dict[str, float | str]]:
         found.setdefault(HEADING_SOURCE, {})["deviation_deg"] = deviation_deg
     if heading["last_ns"] > heading["last_used_ns"]:
         found.setdefault(HEADING_SOURCE, {})["finding"] = _UNUSED[CONTRADICTED]
-    for kind, (record, key, wrong, text) in _FINDINGS.items():
-        if c[record][key] == wrong:
+    for kind, (record, key, text) in _FINDINGS.items():
+        if c[record][key]:
             found.setdefault(kind, {})["finding"] = text
     if c["magnetometer"]["unused"]:
         found[MAGNETOMETER_SOURCE] = {"finding": _UNUSED[int(c["magnetometer"]["unused"])]}

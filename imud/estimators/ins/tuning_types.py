@@ -237,7 +237,8 @@ class Tuning:
     fixed_gravity_magnitude: float
     fixed_gravity_sigma: float
     swell_rate: float
-    leaning_share: float
+    leaning_ratio: float
+    fixed_gravity_excess: float
     level_rest_sigma: float
     level_gnss_sigma: float
     level_max_accel: float

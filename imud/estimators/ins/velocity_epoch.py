@@ -32,14 +32,14 @@ TUNABLES = (
         "accel_window_before_s",
         1.6,
         "s",
-        "The same where it is fitted to the velocities before only.",
+        "Longest time over which the acceleration at a fix is fitted to the velocities before it alone.",
         "Simulated flights.",
     ),
     Tunable(
         "accel_window_gate",
         9.0,
         "",
-        "Square of the curvature of the velocities, over the variance by noise, from which on that time is halved.",
+        "Squared curvature of the velocities, over its variance by noise, from which the time of the fit is halved.",
         "Three sigma.",
     ),
 )

@@ -28,6 +28,7 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import MIN_COS, displaced, radii
 from ...math.kalman import measure, shear, update
+from ...math.rotation import wrap_angle
 from .. import Estimator
 from ..blank_solution import blank
 from ..records import COASTING, POSITION_E, POSITION_N, POSITION_VALID
@@ -95,9 +96,9 @@ def predict(P: Floats, T: float, acceleration_var: float) -> None:
 def ned_difference(s: TrackState, fix: Fix) -> tuple[float, float]:
     """The distance north and east, m, from the estimate to the fix."""
     meridian, prime_vertical = radii(s.lat)
-    dlon = fix.lon - s.lon
-    dlon -= 2.0 * math.pi * math.floor(dlon / (2.0 * math.pi) + 0.5)
-    return (fix.lat - s.lat) * meridian, dlon * prime_vertical * max(elementary.cos(s.lat), MIN_COS)
+    return (fix.lat - s.lat) * meridian, wrap_angle(fix.lon - s.lon) * prime_vertical * max(
+        elementary.cos(s.lat), MIN_COS
+    )
 
 
 @kernel

@@ -45,7 +45,7 @@ from ...configuration.settings import Initial, Settings
 from ...math.arrays import Records
 from ...math.earth import STANDARD_GRAVITY, gravity
 from ...math.kalman import measure, scale, shear, update
-from ...math.rotation import UNKNOWN_ANGLE, Vector, quat_of_euler
+from ...math.rotation import UNKNOWN_ANGLE, Vector, quat_of_euler, wrap_angle
 from .. import Estimator
 from ..blank_solution import blank
 from ..records import ATTITUDE_VALID
@@ -223,8 +223,7 @@ def wrap_angles(s: SuhState) -> None:
         x[ROLL] += math.pi
         s.yaw += math.pi
         scale(s.P, STATES, PITCH, -1.0)
-    x[ROLL] -= 2.0 * math.pi * math.floor(x[ROLL] / (2.0 * math.pi) + 0.5)
-    s.yaw -= 2.0 * math.pi * math.floor(s.yaw / (2.0 * math.pi) + 0.5)
+    x[ROLL], s.yaw = wrap_angle(x[ROLL]), wrap_angle(s.yaw)
 
 
 @kernel

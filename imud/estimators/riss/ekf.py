@@ -10,7 +10,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.earth import displaced
 from ...math.kalman import measure, packed_index, scale, shear, update
-from ...math.rotation import UNKNOWN_ANGLE
+from ...math.rotation import UNKNOWN_ANGLE, wrap_angle
 from .state import (
     ACCEL,
     ACCEL_BIAS_X,
@@ -69,12 +69,6 @@ def roll_of(s: RissState) -> float:
 def pitch_of(s: RissState) -> float:
     """Pitch of the body, rad: that of the road, and squat when the vehicle accelerates, dive when it brakes."""
     return float(s.x[PITCH] + s.x[SQUAT] * s.x[ACCEL])
-
-
-@kernel
-def wrap_angle(angle: float) -> float:
-    """The angle in [-pi, pi)."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel

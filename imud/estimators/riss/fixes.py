@@ -10,6 +10,7 @@ from imud.drivers import elementary
 from ...compile.jit import kernel
 from ...math.earth import MIN_COS, displaced, gravity, radii
 from ...math.kalman import reset, shear
+from ...math.rotation import wrap_angle
 from ..records import POSITION_D, POSITION_E, POSITION_N, VELOCITY_E, VELOCITY_N
 from .ekf import (
     add_variance,
@@ -20,7 +21,6 @@ from .ekf import (
     set_jacobian,
     travelled_since,
     variance,
-    wrap_angle,
 )
 from .state import (
     DOWN,

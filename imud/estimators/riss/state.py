@@ -68,7 +68,13 @@ TUNABLES = (
         "velocity_sigma", 0.1, "m/s", "First sigma of the white error of a fix's velocity.", "Doppler; is learned."
     ),
     Tunable("time_offset_sigma", 0.2, "s", "Sigma of the age of a fix beyond its epoch.", "As navigation."),
-    Tunable("time_offset_walk", 0.003, "s/sqrt(s)", "Random walk of that age.", "Sentences that wait in a slow line."),
+    Tunable(
+        "time_offset_walk",
+        0.003,
+        "s/sqrt(s)",
+        "Random walk of the age of a fix beyond its epoch.",
+        "Sentences that wait in a slow line.",
+    ),
     Tunable(
         "velocity_time_sigma",
         0.03,
@@ -96,8 +102,8 @@ TUNABLES = (
     ),
     Tunable("rest_s", 3.0, "s", "Time for which all signs of rest must last.", "Longer than a turning point."),
     Tunable("min_white_position", 0.05, "m", "Least white sigma that is learned of a position.", "RTK."),
-    Tunable("min_white_velocity", 0.03, "m/s", "The same of a velocity.", "Real receivers."),
-    Tunable("min_white_height", 0.1, "m", "The same of a height.", "RTK."),
+    Tunable("min_white_velocity", 0.03, "m/s", "Least white sigma that is learned of a velocity.", "Real receivers."),
+    Tunable("min_white_height", 0.1, "m", "Least white sigma that is learned of a height.", "RTK."),
     Tunable("initial_yaw_sigma", math.radians(2.0), "rad", "Sigma of a heading that the user gives.", "Choice."),
     Tunable("fault_rate", 0.3, "rad/s", "Error of the yaw rate while the gyro fails.", "A vehicle's turn."),
     Tunable(

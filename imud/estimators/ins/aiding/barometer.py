@@ -82,7 +82,7 @@ TUNABLES = (
     ),
     Tunable("baro_ratio_s", 5.0, "s", "Time over which changes of reading and height are compared.", "Choice."),
     Tunable("baro_ratio_change", 5.0, "m", "Least change of the reading that is compared.", "Choice."),
-    Tunable("baro_ratio_noise", 1.5, "m", "Error of the change of the height in that time.", "Fixes of 4 m."),
+    Tunable("baro_ratio_noise", 1.5, "m", "Error of the change of the height in baro_ratio_s.", "Fixes of 4 m."),
     Tunable("baro_ratio_memory_s", 300.0, "s", "Time over which the ratio of the changes is taken.", "Choice."),
     Tunable(
         "baro_ratio_tolerance",
@@ -98,7 +98,7 @@ TUNABLES = (
         "baro_fix_sigmas",
         2.5,
         "sigma",
-        "Difference of these from which the scale of the readings is wrong.",
+        "Difference of the heights of fixes and readings from which the scale of the readings is wrong.",
         "Smoothing leaves half of a fix's error.",
     ),
     Tunable("baro_ratio_height", 20.0, "m", "Height over which a wrong scale is an error that lasts.", "Choice."),

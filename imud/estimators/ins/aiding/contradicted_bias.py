@@ -41,7 +41,7 @@ TUNABLES = (
         "known_heading_contradiction_windows",
         40,
         "windows",
-        "The same where the heading is known, which a body that turns would lose by it.",
+        "As bias_contradiction_windows, where the heading is known: a body that turns would lose it.",
         "Choice: 20 s; until then the heading's sigma has what a step would have done to it.",
         low=1,
     ),

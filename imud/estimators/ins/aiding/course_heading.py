@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
-from ....math.rotation import dot
+from ....math.rotation import dot, wrap_angle
 from ...tuning import Tunable
 from ..ekf import combine, decorrelate, rotate_tilt_covariance, variance
 from ..lever_arm import antenna_velocity
-from ..mechanization import body_to_ned, rotate_attitude, wrap_angle
+from ..mechanization import body_to_ned, rotate_attitude
 from ..state import ATTITUDE, MOUNT_YAW, NAVIGATING, NEVER_NS
 from ..vehicle_axes import forward_axis, lateral_axis, vertical_axis
 from .gnss_velocity import velocity_of

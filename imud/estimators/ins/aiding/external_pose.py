@@ -23,6 +23,7 @@ import numpy as np
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEIGHT_VALUE, LAT_VALUE, LON_VALUE, POSE_D, POSE_E, POSE_N, POSE_SOURCE, POSE_YAW, YAW_VALUE
@@ -31,7 +32,7 @@ from ..ekf import innovation_variance, set_jacobian, set_jacobian3
 from ..fusion import NO_GATE, REJECT, correct_state, correlated_update, write_innovation
 from ..integrity.reset_inflation import inflate_position
 from ..lever_arm import attitude_row
-from ..mechanization import body_to_ned, ned_difference, wrap_angle
+from ..mechanization import body_to_ned, ned_difference
 from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS, OTHER_AXIS, POSITION
 from .external_aid import is_new, others_of_error, time_since_last
 from .heading import agreeing_since, yaw_jacobian
@@ -65,7 +66,13 @@ TUNABLES = (
     Tunable("pose_return_gate", 9.0, "NIS", "Beyond it a pose that returns has a lasting error.", "Three sigma."),
     Tunable("pose_age_s", 10.0, "s", "Time in which the error by an unknown age lasts.", "Until the motion changes."),
     Tunable("pose_offset_s", 300.0, "s", "Correlation time of the lasting error of poses that return.", "Choice."),
-    Tunable("pose_agreement_s", 30.0, "s", "Time in which agreement lowers the sigma of that error.", "Choice."),
+    Tunable(
+        "pose_agreement_s",
+        30.0,
+        "s",
+        "Time in which agreement lowers the sigma of the lasting error of poses that return.",
+        "Choice.",
+    ),
     Tunable("pose_gate", 25.0, "NIS", "Gate of each element of a pose.", "Five sigma."),
 )
 

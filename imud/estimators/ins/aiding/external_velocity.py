@@ -86,7 +86,7 @@ TUNABLES = (
         "external_velocity_scale_s",
         60.0,
         "s",
-        "Correlation time of its error that is a share of the speed.",
+        "Correlation time of the error of an external velocity that is a share of the speed.",
         "It lasts; views change.",
     ),
     Tunable("external_velocity_time_sigma", 0.02, "s", "Unknown age of a velocity.", "Choice: half of 25 Hz."),
@@ -94,7 +94,7 @@ TUNABLES = (
         "external_velocity_min_share",
         0.5,
         "",
-        "Share of velocities that agree with the estimate below which none is used.",
+        "Share of external velocities that agree with the estimate below which none is used.",
         "Wrong units agree now and then, near standstill.",
         high=1.0,
     ),
@@ -102,19 +102,31 @@ TUNABLES = (
         "external_velocity_agreement",
         9.0,
         "NIS",
-        "NIS of each component up to which a velocity agrees.",
+        "NIS of each component up to which an external velocity agrees.",
         "Three sigma: wrong axes may pass the gate again and again.",
     ),
     Tunable(
         "min_velocity_ratio",
         0.5,
         "",
-        "Least regression of a component on the estimate, by three sigmas, with which a velocity agrees.",
+        "Least regression of a component on the estimate, by limit_sigmas, with which an external velocity agrees.",
         "As min_turn_ratio: a reversed axis has -1.",
         high=1.0,
     ),
-    Tunable("external_velocity_memory_s", 30.0, "s", "Time of that regression.", "Choice: some turns."),
-    Tunable("external_velocity_share_s", 10.0, "s", "Time of that share.", "As odometer_share_s."),
+    Tunable(
+        "external_velocity_memory_s",
+        30.0,
+        "s",
+        "Time over which a component of an external velocity is regressed on the estimate.",
+        "Choice: some turns.",
+    ),
+    Tunable(
+        "external_velocity_share_s",
+        10.0,
+        "s",
+        "Time over which the share of external velocities that agree is taken.",
+        "As odometer_share_s.",
+    ),
     Tunable("external_velocity_gate", 25.0, "NIS", "Gate of each component of an external velocity.", "Five sigma."),
 )
 
@@ -171,7 +183,8 @@ def is_reversed(p: Parameters, g: ExternalAid, i: int, measured: float, predicte
     g.shown[i] = keep * g.shown[i] + measured * predicted / s
     g.expected[i] = keep * g.expected[i] + predicted * predicted / s
     g.shown_noise[i] = keep * g.shown_noise[i] + together * predicted * predicted / s
-    return g.shown[i] < p.tuning.min_velocity_ratio * g.expected[i] - 3.0 * math.sqrt(g.shown_noise[i])
+    least = p.tuning.min_velocity_ratio * g.expected[i] - p.tuning.limit_sigmas * math.sqrt(g.shown_noise[i])
+    return bool(g.shown[i] < least)
 
 
 @kernel

@@ -43,7 +43,13 @@ TUNABLES = (
         low=1.001,
     ),
     Tunable("first_white_sigma", 0.03, "m", "White sigma before any is learned.", "RTK."),
-    Tunable("first_white_share", 0.5, "", "The same, per reported sigma, beside that.", "Real receivers."),
+    Tunable(
+        "first_white_share",
+        0.5,
+        "",
+        "White sigma before any is learned, per reported sigma, beside first_white_sigma.",
+        "Real receivers.",
+    ),
     Tunable(
         "first_white_variance_share",
         0.5,
@@ -53,7 +59,13 @@ TUNABLES = (
         high=1.0,
     ),
     Tunable("min_white_share", 0.3, "", "Least white sigma that is learned, per reported sigma.", "Real receivers."),
-    Tunable("min_white_of", 0.3, "m", "Largest reported sigma of which it is a share.", "Choice: 0.1 m at most."),
+    Tunable(
+        "min_white_of",
+        0.3,
+        "m",
+        "Largest reported sigma of which min_white_share is a share.",
+        "Choice: 0.1 m at most.",
+    ),
     Tunable("max_white_ratio", 2.0, "", "Largest white sigma that is learned, per reported sigma.", "Choice."),
     Tunable(
         "min_velocity_sigma",

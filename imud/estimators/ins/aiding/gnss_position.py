@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
 from ....math.earth import radii
-from ....math.rotation import Vector
+from ....math.rotation import Vector, wrap_angle
 from ...records import POSITION_N
 from ...tuning import Tunable
 from ..ekf import innovation_variance, set_jacobian, set_jacobian3, variance
@@ -20,7 +20,7 @@ from ..glr_tests.gnss_drift import detect_drift
 from ..integrity.alternating_receiver import count_position, reject_share
 from ..integrity.position_jump import state_likely_jump
 from ..lever_arm import antenna_position, arm_position_row, attitude_row, velocity_of_point
-from ..mechanization import bounded_cosine, wrap_angle
+from ..mechanization import bounded_cosine
 from ..state import (
     ATTITUDE,
     GNSS_BIAS,

@@ -45,7 +45,7 @@ TUNABLES = (
         "Degrees of freedom of Student's t, the distribution of the errors that grow in an outage.",
         "Simulated outages with faults of the IMU.",
     ),
-    Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside that.", "Choice."),
+    Tunable("reset_position_sigma", 1.0, "m", "Sigma of the position after a reset, beside reset_sigmas.", "Choice."),
     Tunable(
         "reset_velocity_sigma",
         2.0,
@@ -67,7 +67,13 @@ TUNABLES = (
         "Tilt sigma from which a fix finds the attitude anew.",
         "Linearization.",
     ),
-    Tunable("reset_heading_sigma", math.radians(10.0), "rad", "The same of the heading.", "Choice."),
+    Tunable(
+        "reset_heading_sigma",
+        math.radians(10.0),
+        "rad",
+        "Sigma added to the heading when the filter is reset to rejected positions.",
+        "Choice.",
+    ),
     Tunable(
         "reset_time_sigma",
         0.2,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ...aiding_source import DEGREE, AidingSource, Column
 from ...innovation_kinds import KINDS
 from ...records import HEADING, HEADING_SOURCE
@@ -30,7 +31,7 @@ from ..boresights import (
 from ..ekf import innovation_variance, set_jacobian
 from ..fusion import REJECT, correct_state, correlated_update, write_innovation
 from ..glr_tests.compass_offset import close_compass_offset, is_unconfirmed, open_compass_offset
-from ..mechanization import body_to_ned, wrap_angle
+from ..mechanization import body_to_ned
 from ..state import ATTITUDE, COMPASS_AXIS, NEVER_NS
 from .heading_deviation import learn_deviation
 from .heading_turns import add_heading_turn, forget_turns, turns_differently

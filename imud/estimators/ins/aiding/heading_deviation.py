@@ -23,10 +23,11 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ...tuning import Tunable
 from ..boresights import add_boresight_variance, set_opened_variance
 from ..ekf import add_covariance, add_variance, innovation_variance, set_jacobian3
-from ..mechanization import ned_to_body, wrap_angle
+from ..mechanization import ned_to_body
 from ..noise_density import attitude_psd
 from ..state import ATTITUDE, GYRO_BIAS, GYRO_SCALE, NEVER_NS
 

@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ...tuning import Tunable
-from ..mechanization import wrap_angle
 from ..state import NEVER_NS
 
 if TYPE_CHECKING:
@@ -21,8 +21,20 @@ if TYPE_CHECKING:
 TUNABLES = (
     Tunable("heading_turn_s", 3.0, "s", "Interval of the turns that are compared.", "Longer than a heading is late."),
     Tunable("heading_turn_step_s", 0.35, "s", "Longest time between headings that are compared.", "4 Hz and more."),
-    Tunable("heading_turn_memory", 20.0, "intervals", "Intervals that are summed.", "Choice: a minute."),
-    Tunable("min_heading_turn", 0.2, "rad", "Least root of the sum of squared changes that tells.", "Choice."),
+    Tunable(
+        "heading_turn_memory",
+        20.0,
+        "intervals",
+        "Intervals of turns over which the comparison is summed.",
+        "Choice: a minute.",
+    ),
+    Tunable(
+        "min_heading_turn",
+        0.2,
+        "rad",
+        "Least root of the sum of squared changes of the turns with which they are compared.",
+        "Choice.",
+    ),
     Tunable("min_turn_count", 3, "intervals", "Least number of intervals.", "Choice: one may have a jump."),
     Tunable("min_turn_ratio", 0.4, "", "Headings that turn by less are wrong.", "Iron: half."),
 )

@@ -2,7 +2,7 @@
 
 *Current.* Whatever floats or flies is carried by a current. On a land vehicle whose forward axis is off by an angle mu,
 
-    lateral velocity = mu (forward velocity) + L (turn rate) + c_n cos(psi) + c_e sin(psi),    c = 0,
+    lateral velocity = mu (forward velocity) + L (turn rate) + c_e cos(psi) - c_n sin(psi),    c = 0,
 
 with the level body axes at the azimuth psi: a vehicle that turns separates a current c from mu and from the lever arm
 L. Least squares over the velocities of about `evidence_time_s` give c, and the ratio of two likelihoods decides: that
@@ -56,14 +56,16 @@ TUNABLES = (
         "Odds of 2.5 to 1; a recorded slow robot, simulated boats.",
     ),
     Tunable("land_slip", 0.05, "m/s", "Apparent current of a land vehicle.", "Recorded drives."),
-    Tunable("land_slip_share", 0.02, "", "The same, as a share of its speed.", "Recorded drives."),
+    Tunable(
+        "land_slip_share", 0.02, "", "Apparent current of a land vehicle, as a share of its speed.", "Recorded drives."
+    ),
     Tunable("current_share", 0.3, "", "Current of a body that is no land vehicle, as a share of its speed.", "Boats."),
     Tunable("evidence_mount_sigma", 0.5, "rad", "Sigma of the angle of the forward axis, mu.", "30 deg."),
     Tunable("evidence_lever_arm_sigma", 1.5, "m", "Sigma of the lever arm, L.", "A car's rear axle."),
     Tunable("heave_time_s", 0.2, "s", "Time constant of the heave.", "Waves and steps of 0.8 Hz and above."),
     Tunable("heave_memory_s", 10.0, "s", "Time over which the heave is averaged.", "Some waves."),
     Tunable("max_heave", 0.006, "m", "Largest heave of a land vehicle.", "Walks have half as much again."),
-    Tunable("max_heave_time", 0.0005, "s", "The same, per m/s of its speed.", "Rough roads."),
+    Tunable("max_heave_time", 0.0005, "s", "Largest heave of a land vehicle, per m/s of its speed.", "Rough roads."),
     Tunable(
         "max_heave_velocity_sigma",
         0.2,
@@ -79,7 +81,7 @@ TUNABLES = (
         "Roll of 2 deg.",
     ),
 )
-ALONG, TURN, CURRENT_N, CURRENT_E, LATERAL = range(5)
+ALONG, TURN, CURRENT_COS, CURRENT_SIN, LATERAL = range(5)  # the current's columns are those of c_e and -c_n
 
 
 @kernel
@@ -136,7 +138,7 @@ def add_evidence(p: Parameters, c: Core, v: Vector, level2: float, down: Vector)
     row = np.empty(5)
     row[ALONG], row[LATERAL] = v[0] * cos + v[1] * sin, v[1] * cos - v[0] * sin
     row[TURN] = dot(down, (c.imu.rate_b[0], c.imu.rate_b[1], c.imu.rate_b[2]))
-    row[CURRENT_N], row[CURRENT_E] = cos, sin
+    row[CURRENT_COS], row[CURRENT_SIN] = cos, sin
     w = 1.0 / (p.tuning.evidence_correlation * (level2 + slip_variance(p, v[0] ** 2 + v[1] ** 2)))
     for i in range(5):
         for j in range(i, 5):

@@ -55,10 +55,16 @@ TUNABLES = (
         "set_lever_arm_sigma",
         0.2,
         "m",
-        "The same of one that he has set, unless he measured it.",
+        "Sigma of each component of a lever arm that the user has set, but not measured.",
         "Open recordings contradict their own by 0.2 to 0.35 m.",
     ),
-    Tunable("gnss_lever_arm_sigma", 0.03, "m", "The same of one that he measured, with a ruler.", "A ruler."),
+    Tunable(
+        "gnss_lever_arm_sigma",
+        0.03,
+        "m",
+        "Sigma of each component of a lever arm that the user measured, with a ruler.",
+        "A ruler.",
+    ),
     Tunable("lever_arm_odds", 20.0, "", "Odds from which a component is set wrong.", "Choice: 5 %."),
 )
 MOST_LOG_ODDS = 50.0

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ....sensor_errors.magnetometer import REMAINING_T
 from ...aiding_source import AidingSource, Column
 from ...innovation_kinds import KINDS
@@ -31,7 +32,7 @@ from ...records import EARTH_DOWN_VALUE, EARTH_EAST_VALUE, EARTH_NORTH_VALUE, MA
 from ...tuning import Tunable
 from ..ekf import cross_covariance, variance
 from ..fusion import NO_GATE, correct_state, correlated_update, write_innovation
-from ..mechanization import body_to_ned, wrap_angle
+from ..mechanization import body_to_ned
 from ..state import ATTITUDE, HEADING_AXIS, NEVER_NS
 from .heading import yaw_jacobian
 from .records import CONTRADICTED, OTHER_FIELD

@@ -55,7 +55,13 @@ TUNABLES = (
         "Wrong units agree now and then, near standstill.",
         high=1.0,
     ),
-    Tunable("odometer_share_s", 10.0, "s", "Time of that share.", "Longer than a slip."),
+    Tunable(
+        "odometer_share_s",
+        10.0,
+        "s",
+        "Time over which the share of odometer readings that pass the gate is taken.",
+        "Longer than a slip.",
+    ),
     Tunable(
         "odometer_max_accel_error",
         0.3,
@@ -81,7 +87,7 @@ TUNABLES = (
         "odometer_return",
         0.5,
         "",
-        "Share of such a step of the innovation, at the present speed, below which the wheels may have returned.",
+        "Share of the step that showed a fault, at the present speed, below which the wheels may have returned.",
         "Choice: nearer to none than to all of it.",
         high=1.0,
     ),

@@ -40,7 +40,7 @@ TUNABLES = (
         "divergence_window_s",
         5.0,
         "s",
-        "Time without such a change after which rejected positions do not diverge.",
+        "Time without a change of their velocity away from the estimate after which rejected positions do not diverge.",
         "A tilt of 1 deg makes 1 m/s of it.",
     ),
     Tunable(

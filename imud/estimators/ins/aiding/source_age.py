@@ -25,7 +25,7 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import SEMI_MAJOR_M
-from ....math.rotation import dot, quat_rotate, quat_rotate_back
+from ....math.rotation import dot, quat_rotate, quat_rotate_back, wrap_angle
 from ...records import (
     BODY_VELOCITY_SOURCE,
     HEADING_SOURCE,
@@ -37,7 +37,6 @@ from ...records import (
     YAW_VALUE,
 )
 from ...tuning import Tunable
-from ..mechanization import wrap_angle
 from ..state import AGE_STEP_NS, AGES, NAVIGATING, NEVER_NS, NO_AGE, SNAPSHOTS
 
 if TYPE_CHECKING:
@@ -48,8 +47,14 @@ if TYPE_CHECKING:
 
 TUNABLES = (
     Tunable("age_interval_s", 0.19, "s", "Least time between readings that an age is learned from.", "5 Hz suffice."),
-    Tunable("age_mean_s", 3.0, "s", "Time of the mean that is subtracted.", "Choice: a change of speed."),
-    Tunable("age_gap_s", 2.0, "s", "Pause after which that mean begins anew.", "Choice."),
+    Tunable(
+        "age_mean_s",
+        3.0,
+        "s",
+        "Time of the mean that is subtracted from what readings and estimate differ by.",
+        "Choice: a change of speed.",
+    ),
+    Tunable("age_gap_s", 2.0, "s", "Pause of the readings after which the mean of age_mean_s begins anew.", "Choice."),
     Tunable("age_correlation_s", 1.0, "s", "Correlation time of what is left.", "A slip, an error of the map."),
     Tunable("age_gate", 9.0, "NIS", "Bound of the square of what is left.", "Three sigma."),
     Tunable("age_speed_noise", 0.05, "m/s", "What is left of a speed of the right age, besides its sigma.", "Choice."),

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
+from ....math.rotation import wrap_angle
 from ..aiding.heading import check_turns, contradicts_itself, distrust_compass, fuse_heading, heading_of, sigma_of
 from ..boresights import begin_boresight, share_boresight
 from ..ekf import decorrelate
 from ..glr_tests.compass_offset import open_compass_offset
-from ..mechanization import body_to_ned, wrap_angle
+from ..mechanization import body_to_ned
 from ..state import ATTITUDE
 from .heading_acceptance import rotate_to_heading
 from .modes import GIVEN_HEADING_WRONG, HEADING_KNOWN, HEADING_LOST, change_mode

@@ -53,11 +53,18 @@ TUNABLES = (
     ),
     Tunable("swell_rate", math.radians(1.5), "rad/s", "RMS rate of a boat in swell.", "3 deg of slope, 10 s."),
     Tunable(
-        "leaning_share",
-        0.3,
+        "leaning_ratio",
+        0.6,
         "",
-        "Share of the rate along the force that a leaning turn has across it.",
-        "0.3 g across the vertical.",
+        "Rate across the force, over that along it, up to which a turn in which the body leans explains it.",
+        "Twice that of 0.3 g across the vertical.",
+    ),
+    Tunable(
+        "fixed_gravity_excess",
+        4.0,
+        "",
+        "Least rate across the force that is a bias, over the rate at which the force turned in the body.",
+        "Noise of the two means; a rotation without a bias has 1.",
     ),
 )
 
@@ -105,7 +112,7 @@ def measure_fixed_gravity(p: Parameters, c: Core) -> None:
     across = math.sqrt(x * x + y * y + z * z)
     changed = math.sqrt(change2) / (force * s.low_motion_count * s.duration)  # rad/s, that the force turned by
     usual2 = t.limit_sigmas**2 * (p.gyro_bias_sigma**2 + t.swell_rate**2)
-    is_bias = across > 4.0 * changed and across > 2.0 * t.leaning_share * abs(along)
+    is_bias = across > t.fixed_gravity_excess * changed and across > t.leaning_ratio * abs(along)
     is_unknown = innovation_variance(c, set_jacobian3(c, 0, GYRO_BIAS, down)) > 0.5 * p.gyro_bias_sigma**2
     if is_bias and across * across > usual2:
         widen_along(p, c, down)

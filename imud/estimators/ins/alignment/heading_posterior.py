@@ -14,9 +14,10 @@ from imud.drivers import elementary
 
 from ....compile.jit import kernel
 from ....math.earth import STANDARD_GRAVITY
+from ....math.rotation import wrap_angle
 from ...tuning import Tunable
 from ..ekf import cross_covariance, set_jacobian
-from ..mechanization import rotation_matrix, wrap_angle
+from ..mechanization import rotation_matrix
 from ..state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HYPOTHESES
 from .force_integrals import (
     HEADING_INTEGRAL,

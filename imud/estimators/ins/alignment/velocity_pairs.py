@@ -64,7 +64,7 @@ TUNABLES = (
         "match_rotation",
         math.radians(20.0),
         "rad",
-        "Largest unknown rotation of the level frame over which these are compared.",
+        "Largest unknown rotation of the level frame over which velocities and integrated specific force are compared.",
         "Distance between hypotheses.",
     ),
     Tunable(

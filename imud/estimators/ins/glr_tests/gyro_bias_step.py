@@ -127,7 +127,7 @@ def share_of_new(p: Parameters, c: Core, s: float, r: float) -> float:
 
 @kernel
 def weight_of(p: Parameters, c: Core, s: float, r: float, axis: int) -> float:
-    """Weight of an innovation of variance s of a fix, 0 unless it counts.
+    """Weight of an innovation of variance s of a fix, 0 unless it counts; notes that there was a velocity.
 
     r: the receiver's part of s, which successive velocities share; axis: see `fuse`.
     """

@@ -64,7 +64,7 @@ TUNABLES = (
         "max_heading_sigma",
         math.radians(14.0),
         "rad",
-        "Heading sigma from which the heading of the alignment is accepted instead.",
+        "Heading sigma from which the alignment's heading is taken; after damaged readings it is found anew.",
         "Choice.",
     ),
 )

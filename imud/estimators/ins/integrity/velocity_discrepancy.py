@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from imud.drivers import elementary
 
 from ....compile.jit import kernel
-from ....math.rotation import Vector
+from ....math.rotation import Vector, wrap_angle
 from ...records import NEW_RECEIVER
 from ...tuning import Tunable
 from ..aiding.gnss_noise import horizontal_sigma
@@ -32,7 +32,7 @@ from ..aiding.gnss_velocity import velocity_of
 from ..alignment.velocity_pairs import restart_in_motion_alignment
 from ..ekf import add_covariance, add_variance
 from ..glr_tests.reset import reset_glr_tests
-from ..mechanization import ned_difference, wrap_angle
+from ..mechanization import ned_difference
 from ..state import CHORD_POINTS, HORIZONTAL, NAVIGATING, NEVER_NS, POSITION, VELOCITY
 from .reset_inflation import inflate_position
 

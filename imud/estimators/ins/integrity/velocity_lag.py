@@ -43,7 +43,9 @@ TUNABLES = (
     Tunable("lag_memory_s", 300.0, "s", "Time constant of the sums over pairs of fixes.", "Choice."),
     Tunable("lag_scale_sigma", 0.3, "", "Sigma of the scale of a receiver's velocity, less one.", "Knots, feet."),
     Tunable("max_lag_s", 0.2, "s", "Largest lag that the filter finds by itself.", "Recorded receivers: 0.13 s."),
-    Tunable("lag_sigmas", 3.0, "sigma", "What is beyond that by so many is certain.", "Choice."),
+    Tunable(
+        "lag_sigmas", 3.0, "sigma", "Sigmas by which a lag must be beyond max_lag_s before it is certain.", "Choice."
+    ),
     Tunable("lag_noise_weight", 4.0, "", "Residuals that count as much as the stated noise of fixes.", "Choice."),
     Tunable("min_lag_pairs", 8.0, "pairs", "Pairs of fixes from which a lag is found.", "Choice."),
     Tunable("max_credible_lag_s", 3.0, "s", "What looks like a larger lag is another fault.", "Choice."),

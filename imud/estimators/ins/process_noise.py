@@ -129,8 +129,8 @@ TUNABLES = (
         "unconfirmed_velocity_noise",
         0.15,
         "(m/s)/sqrt(s)",
-        "The same while motion has not confirmed a given heading: what a wrong one does looks like noise.",
-        "Simulated vehicles: less costs multicopters their heading.",
+        "Largest velocity process noise that is learned while motion has not confirmed a given heading.",
+        "What a wrong heading does looks like noise; less costs simulated multicopters a right one.",
     ),
     Tunable(
         "min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least velocity process noise that is learned.", "A smooth car."

@@ -29,7 +29,7 @@ TUNABLES = (
         "unconfirmed_velocity_rejects",
         3,
         "fixes",
-        "The same with a heading that a compass gave and motion has not confirmed.",
+        "Largest number of rejected velocities in a row with a given heading that motion has not confirmed.",
         "Choice.",
     ),
     Tunable(

@@ -127,10 +127,10 @@ TUNABLES = (
     ),
     Tunable(
         "unconfirmed_velocity_noise",
-        0.15,
+        0.3,
         "(m/s)/sqrt(s)",
         "Largest velocity process noise that is learned while motion has not confirmed a given heading.",
-        "What a wrong heading does looks like noise; less costs simulated multicopters a right one.",
+        "What a wrong heading does looks like noise; simulated helicopters have more than 0.15.",
     ),
     Tunable(
         "min_velocity_noise", 5e-3, "(m/s)/sqrt(s)", "Least velocity process noise that is learned.", "A smooth car."

@@ -83,6 +83,13 @@ TUNABLES = (
         "Mean NIS of the fixes from which a heading that a compass gave and motion has not confirmed is wrong.",
         "Choice.",
     ),
+    Tunable(
+        "max_bias_sigmas",
+        4.0,
+        "sigma",
+        "Largest accelerometer bias with a right heading, over its sigma at switch-on.",
+        "300 simulated and recorded runs with errors of the sensor have none that is larger.",
+    ),
     Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
 )
 
@@ -172,7 +179,7 @@ def biases_contradict_heading(p: Parameters, c: Core) -> bool:
     """
     ba = c.nav.ba
     largest = max(abs(ba[0]), abs(ba[1]), abs(ba[2]))
-    return bool(is_unconfirmed(c) and largest > p.tuning.limit_sigmas * p.accel_bias_sigma)
+    return bool(is_unconfirmed(c) and largest > p.tuning.max_bias_sigmas * p.accel_bias_sigma)
 
 
 @kernel

@@ -358,7 +358,6 @@ class Tuning:
     confirmed_residual: float
     compass_offset_residual: float
     contradicted_residual: float
-    max_bias_sigmas: float
     confirming_fixes: float
     time_offset_step_chi2: float
     time_offset_step_onset_chi2: float

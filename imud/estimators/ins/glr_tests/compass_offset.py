@@ -83,13 +83,6 @@ TUNABLES = (
         "Mean NIS of the fixes from which a heading that a compass gave and motion has not confirmed is wrong.",
         "Choice.",
     ),
-    Tunable(
-        "max_bias_sigmas",
-        4.0,
-        "sigma",
-        "Largest accelerometer bias with a right heading, over its sigma at switch-on.",
-        "300 simulated and recorded runs with errors of the sensor have none that is larger.",
-    ),
     Tunable("confirming_fixes", 3.0, "fixes", "Least number of innovations that confirm a heading.", "Choice."),
 )
 
@@ -175,11 +168,13 @@ def fixes_contradict_heading(p: Parameters, c: Core) -> bool:
 def biases_contradict_heading(p: Parameters, c: Core) -> bool:
     """Whether a heading that motion has not confirmed has made biases of the accelerometers that no sensor has.
 
-    Velocities that a wrong heading does not explain are those of biases, to the filter: the innovations stay small.
+    Velocities that a wrong heading does not explain are those of biases, to the filter: the innovations stay small. It
+    has made none of a vehicle that stands.
     """
     ba = c.nav.ba
     largest = max(abs(ba[0]), abs(ba[1]), abs(ba[2]))
-    return bool(is_unconfirmed(c) and largest > p.tuning.max_bias_sigmas * p.accel_bias_sigma)
+    moves = c.gnss.speed > p.tuning.rest_speed
+    return bool(moves and is_unconfirmed(c) and largest > p.tuning.limit_sigmas * p.accel_bias_sigma)
 
 
 @kernel

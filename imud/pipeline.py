@@ -59,9 +59,9 @@ def innovation_buffer(count: int) -> Records:
 
 
 @functools.lru_cache(maxsize=4)
-def _checkpoint_digest(name: str, kind: np.dtype[Any], parameters: bytes, correction: bytes, initial: str) -> bytes:
+def _checkpoint_digest(name: str, kind: np.dtype[Any], parameters: bytes, correction: bytes) -> bytes:
     """Kept, as numpy takes a millisecond to write down a dtype, and the daemon needs it once a second."""
-    return digest_of(name.encode(), str(kind).encode(), parameters, correction, initial.encode()).encode()
+    return digest_of(name.encode(), str(kind).encode(), parameters, correction).encode()
 
 
 class Filter:
@@ -141,9 +141,8 @@ class Filter:
         return False
 
     def _digest(self, kind: np.dtype[Any]) -> bytes:
-        """Of all on which the meaning of a checkpoint of this dtype depends, and of the start that the user gives."""
-        parameters, initial = self.parameters.tobytes(), self.settings.initial
-        return _checkpoint_digest(self.estimator.name, kind, parameters, self.correction.tobytes(), initial)
+        """Of all on which the meaning of a checkpoint of this dtype depends."""
+        return _checkpoint_digest(self.estimator.name, kind, self.parameters.tobytes(), self.correction.tobytes())
 
     def watch_over(self, sensor: ImuConfigured) -> None:
         """From now on, monitor this sensor, by the ranges that the user gives, else by those that it reports."""

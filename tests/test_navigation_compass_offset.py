@@ -13,7 +13,11 @@ from test_navigation_aiding import estimated, headings
 from test_navigation_time_offset_step import RATE
 from vehicle_simulation import vehicle
 
+from imud.compile.jit import interpreted
 from imud.configuration.settings import Aiding, Initial, Navigation, Settings
+from imud.estimators.ins.glr_tests.compass_offset import find_compass_offset, open_compass_offset
+from imud.estimators.ins.parameters import configure
+from imud.estimators.ins.setup import start
 from imud.estimators.ins.state import ATTITUDE, COMPASS_FAULT, HEADING_BORESIGHT, NEVER_NS, VELOCITY
 from imud.estimators.records import HEADING, HEADING_VALID
 
@@ -155,6 +159,17 @@ def test_a_compass_that_comes_when_the_heading_is_known_is_used_though_mounted_w
     assert not aid["distrusted"] and aid["last_used_ns"] > 187e9
     assert aid["boresight"] == pytest.approx(np.radians(10.0), abs=4.0 * sigma_of_boresight(core))
     assert abs(np.degrees(yaw_error(D, out)[0][-1])) < 1.5
+
+
+def test_what_its_first_fixes_show_of_one_that_comes_late_is_kept():
+    p = configure(FREE, 100.0).view(np.recarray)[0]
+    c = start(configure(FREE, 100.0), Initial())["core"][0].view(np.recarray)[0]
+    c.nav.t_ns = 500_000_000_000
+    interpreted(open_compass_offset)(c, False)
+    c.nav.t_ns += 1_000_000_000
+    c.compass_offset.information = 2.0
+    interpreted(find_compass_offset)(p, c)
+    assert c.compass_offset.information == pytest.approx(2.0 * (1.0 - 1.0 / p.tuning.compass_offset_memory_s))
 
 
 def test_headings_that_do_not_turn_with_the_gyros_are_found():

@@ -11,10 +11,10 @@ from imud.compile.jit import interpreted
 from imud.configuration.settings import Initial, Navigation, Settings
 from imud.estimators import registry
 from imud.estimators.ins.aiding.contradicted_bias import watch_bias
-from imud.estimators.ins.aiding.zero_velocity import fuse_rest
+from imud.estimators.ins.aiding.zero_velocity import fuse_rest, reset_velocity
 from imud.estimators.ins.parameters import configure
 from imud.estimators.ins.setup import start
-from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, GYRO_BIAS, NAVIGATING, STATES
+from imud.estimators.ins.state import ATTITUDE, COARSE_ALIGNMENT, FAULTS, GYRO_BIAS, NAVIGATING, STATES, VELOCITY
 from imud.estimators.records import (
     INNOVATION,
     NHC_LATERAL,
@@ -157,3 +157,11 @@ def test_a_motion_that_begins_slowly_does_not_replace_the_gyro_bias():
     samples["w"][turning, 1] += np.radians(0.25)
     out = navigate(samples[d.t < 10.2], fixes, Settings())[0]
     assert np.abs(out["bg"][-1] - out["bg"][900]).max() < np.radians(0.02)
+
+
+def test_a_velocity_that_is_set_to_zero_has_nothing_of_what_any_fault_has_done():
+    c = start(configure(Settings(), RATE), Initial())["core"][0].view(np.recarray)[0]
+    c.faults.sensitivity[:] = 1.0
+    interpreted(reset_velocity)(c, 0.01)
+    cleared = c.faults.sensitivity == 0.0
+    assert cleared[VELOCITY : VELOCITY + 3].all() and cleared.sum() == 3 * FAULTS
